@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -15,12 +15,11 @@ import pinocchio as pin
 from armgpi.base.arrays import Array, PerJointInput, check_choice, check_type, frozen, quantity
 from armgpi.base.hints import with_keyword_hints
 from armgpi.base.renamed import warn_renamed
-from armgpi.errors import ParameterError, UnfitLog
+from armgpi.errors import ParameterError
 from armgpi.identification import estimate
 from armgpi.identification.check import (
     LIGHT,
     carrying_joint,
-    check,
     check_bodies,
     check_fit,
     check_friction,
@@ -29,30 +28,15 @@ from armgpi.identification.check import (
     refuse,
 )
 from armgpi.identification.chirp import Side, find_side
-from armgpi.identification.elastic import (
-    MOST_SOFT,
-    SOFT,
-    Twist,
-    Twisted,
-    expected_compliance,
-    knows_stiffness,
-)
-from armgpi.identification.estimate import Block, Fit, Prior
-from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample, with_torques
+from armgpi.identification.estimate import Fit, Prior
+from armgpi.identification.logs import TORQUES, Log
+from armgpi.identification.moments import CONFIGURATIONS, MOTOR, Moments
 from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.resonance import Gears, find_gears
 from armgpi.identification.samples import Finding
 from armgpi.identification.simulated import simulate_experiment
-from armgpi.identification.weak_form import (
-    BODY,
-    COLUMNS,
-    COULOMB,
-    OFFSET,
-    ROTOR,
-    VISCOUS,
-    WeakForm,
-    inverse_rows,
-)
+from armgpi.identification.terms import fit_with_terms, shares
+from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS, WeakForm
 from armgpi.plants.reality import scales
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
@@ -60,49 +44,16 @@ from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import SCATTER, assume_gears, with_published
 
-#: Widths over which the sign of velocity may be smoothed [rad/s or m/s], and the one to begin with.
-WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
-#: Slower than this is at rest [rad/s or m/s].
-_STILL = 4e-3
-#: Rounds in which the lag settles: it enters almost linearly.
-_LAG_ROUNDS = 3
-#: A lag or a friction of each joint has to explain so much of the residual's power that is left without.
-_WORTH = 0.1
-#: Residual over torque from which there is anything for another friction to explain.
-_SEEN = 5e-3
-#: What friction may have besides, where the data ask for it: a share of the gravity torque, as gears rub more
-#: under load, and what comes on top near rest (Stribeck), over a speed [rad/s or m/s]. Width of the prior: a
-#: share, and one of that of Coulomb friction.
-FRICTIONS: Mapping[str, float] = {"load": 0.2, "stribeck": 0.5}
-_STRIBECK = 0.05
-#: A motor that turns with its neighbour's joint, as those of wrists do, is taken where it explains so much of
-#: what is left of either joint; what it has then, each beside its own.
-_COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
-#: Elastic joints are taken where they explain so much of what is left, all joints together (geometric mean of
-#: powers), or where their stiffness is known. The first share is for a known side of the encoders, the second
-#: for an unknown one, as then more is free to fit. Soft arms had 52 % and more, stiff ones with sharp
-#: friction 35 % and less; the first share was chosen on two logs of soft Pandas.
-_ELASTIC, _ELASTIC_BLIND = 0.45, 0.8
-#: Rounds in which the twist of the gears settles, and the change of a compliance that ends them, as a share.
-_TWIST_ROUNDS = 8
-_TWIST_SETTLED = 2e-2
 #: Lower and upper end of the interval of a stiffness from slow motions, over it.
 _STIFFNESS_WITHIN = (0.5, 2.0)
-#: What is estimated of drives -> its name there; and the share of the data from which it is identified.
-_DRIVES, _DECIDED = (
-    {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous", "offset": "offset"},
-    0.5,
-)
+#: What is estimated of drives -> its name there.
+_DRIVES = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous", "offset": "offset"}
+#: Share of the data in an estimate from which it is identified.
+_DECIDED = 0.5
 #: Share of the rotors that the log decided, too light, from which sensors behind the gears hide them.
 _MOST_LIGHT = 0.5
 #: Half width of a 95 % interval in standard deviations.
 _95 = 1.96
-#: Shortest period that is looked for [s], and the step in which it is [s].
-_SHORTEST_PERIOD, _PERIOD_STEP = 2.0, 0.02
-#: Most that two periods may differ, as a share of the motion.
-_SAME = 0.03
-#: Configurations at which inertia matrices are compared.
-_CONFIGURATIONS = 50
 #: Half width of the 95 % interval of the common factor of torque constants: a magnet's remanence and a
 #: gear's efficiency, which no log without a known load tells.
 _CONSTANTS = 0.1
@@ -113,7 +64,8 @@ _PAYLOAD = 10.0
 #: Least inertia of a joint, over that of the largest, that is compared with the file's.
 _INERT = 0.1
 #: Expected load over the arm's mass, and its radius about the tip [m].
-_LOAD, _LOAD_RADIUS = 0.2, 0.15
+_LOAD = 0.2
+_LOAD_RADIUS = 0.15
 
 
 class Estimate(NamedTuple):
@@ -214,13 +166,7 @@ class Identified:
             that was given, infinite where it fails; else None.
     """
 
-    def __init__(
-        self,
-        data: _Data,
-        fitted: Fit,
-        prior: Prior,
-        findings: Sequence[Finding],
-    ) -> None:
+    def __init__(self, data: Moments, fitted: Fit, prior: Prior, findings: Sequence[Finding]) -> None:
         """Take over a regression; users call :func:`identify`."""
         self.gears: Gears | None = None
         self.simulated: Array | None = None
@@ -228,28 +174,32 @@ class Identified:
         self._shaken: Log | None = None  # the log that the gears are of
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
-        own = np.arange(data.robot.n)[data.hidden] * len(COLUMNS) + ROTOR
-        fitted.physical[own] = 0.0  # no column has them, and a solver may leave them anywhere
+        hidden_rotors = np.flatnonzero(data.hidden) * len(COLUMNS) + ROTOR
+        fitted.physical[hidden_rotors] = 0.0  # no column has them, and a solver may leave them anywhere
         self.theta = prior.mean + prior.std * fitted.physical
         self._std = prior.std * np.sqrt(np.diag(fitted.covariance))
-        joints = len(COLUMNS) * data.robot.n
-        self.lag = frozen(np.broadcast_to(self.theta[-data.lags :], data.robot.n))
-        self.lag_std = frozen(np.broadcast_to(self._std[-data.lags :], data.robot.n))
+        n = data.robot.n
+        self.lag = frozen(np.broadcast_to(self.theta[-data.lags :], n))
+        self.lag_std = frozen(np.broadcast_to(self._std[-data.lags :], n))
         self.width = frozen(data.width)
         self.sources = tuple(log.source for log in data.logs)
         self.dt = data.grids[0].dt
         self.torque, self.hidden = data.torque, data.hidden.copy()
         self.twist = data.twist
-        self.robot = with_parameters(data.robot, self.theta[:joints])
+        self.robot = with_parameters(data.robot, self.theta[: len(COLUMNS) * n])
         self.robot = self.robot.with_drives(self.drives)
-        self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
+        self.residuals = frozen(shares(fitted.residuals, data.torques(self.lag)))
 
     @property
     def light(self) -> npt.NDArray[np.bool_]:
         """Which rotors that the log decided came out far too light for a motor behind a gear, (n,)."""
-        rows = [row for row in self.table() if row.quantity == "rotor"]
-        light = [row.data_share > _DECIDED and row.upper < LIGHT * row.expected for row in rows]
+        light = [row.data_share > _DECIDED and row.upper < LIGHT * row.expected for row in self._rotors]
         return np.array(light) & ~_without_rotors(self.file)
+
+    @property
+    def _rotors(self) -> list[Estimate]:
+        """The estimates of the rotors, joint by joint."""
+        return [row for row in self.table() if row.quantity == "rotor"]
 
     @property
     def posterior(self) -> Posterior:
@@ -258,52 +208,55 @@ class Identified:
         Rotors are bounded by what is known of them beside the logs. Friction of motors that are not in the
         torques comes on top of what was found, within what :attr:`drives` says.
         """
-        n = self.file.n
-        own = slice(0, len(COLUMNS) * n)
-        std, mean = self._prior.std[own], self.theta[own].copy()
-        covariance = self._fit.covariance[own, own].copy()
-        lower, upper = (np.full((n, len(COLUMNS)), end) for end in (-np.inf, np.inf))
+        n, count = self.file.n, len(COLUMNS) * self.file.n
+        mean, std = self.theta[:count].copy(), self._prior.std[:count]
+        covariance = self._fit.covariance[:count, :count].copy()
+        lower = np.full((n, len(COLUMNS)), -np.inf)
+        upper = np.full((n, len(COLUMNS)), np.inf)
         lower[:, ROTOR], upper[:, ROTOR] = self._rotor_bounds()
         for column in (VISCOUS, COULOMB):
             places = np.flatnonzero(self.hidden) * len(COLUMNS) + column
             covariance[places, places] += 1.0
             lower[self.hidden, column], upper[self.hidden, column] = self._hidden_friction(column)
         rotors = self._exact_rotors
-        exact = np.isfinite(rotors)
-        places = np.flatnonzero(exact) * len(COLUMNS) + ROTOR
-        mean[places] = rotors[exact]
-        covariance[places, :] = covariance[:, places] = 0.0
-        lower[exact, ROTOR], upper[exact, ROTOR] = -np.inf, np.inf
+        is_exact = np.isfinite(rotors)
+        places = np.flatnonzero(is_exact) * len(COLUMNS) + ROTOR
+        mean[places] = rotors[is_exact]
+        covariance[places, :] = 0.0
+        covariance[:, places] = 0.0
+        lower[is_exact, ROTOR], upper[is_exact, ROTOR] = -np.inf, np.inf
         return Posterior.of(mean, std, covariance, (lower.ravel(), upper.ravel()))
 
     @property
     def _exact_rotors(self) -> Array:
         """Return rotors that torques do not show and that were specified exactly, (n,); NaN for others."""
-        known = self.file.drives.data.get("rotor_inertia", {})
+        rotors = self.file.drives.data.get("rotor_inertia", {})
         exact = np.full(self.file.n, np.nan)
         for joint, name in enumerate(self.file.joint_names):
-            datum = known.get(name)
+            datum = rotors.get(name)
             if self.hidden[joint] and datum is not None and not datum.low < datum.high:
                 exact[joint] = datum.value
         return exact
 
     def _rotor_bounds(self) -> tuple[Array, Array]:
         """Return what is known of the rotors beside the logs [kg m^2 or kg], (n,) each; else infinite."""
-        lower, upper = np.full((2, self.file.n), np.inf) * np.array([[-1.0], [1.0]])
-        expected = self._prior.mean[ROTOR : len(COLUMNS) * self.file.n : len(COLUMNS)]
+        lower, upper = np.empty(self.file.n), np.empty(self.file.n)
         for joint, name in enumerate(self.file.joint_names):
-            value = float(self.theta[joint * len(COLUMNS) + ROTOR])
-            lower[joint], upper[joint] = self._known_rotor(name, value, float(expected[joint]))
+            place = joint * len(COLUMNS) + ROTOR
+            value, expected = float(self.theta[place]), float(self._prior.mean[place])
+            lower[joint], upper[joint] = self._known_rotor(name, value, expected)
         if self.side is not None:
             chirped = self._chirped
-            lower[chirped], upper[chirped] = self.side.low[chirped], self.side.high[chirped]
+            lower[chirped] = self.side.low[chirped]
+            upper[chirped] = self.side.high[chirped]
         return lower, upper
 
     def _hidden_friction(self, column: int) -> tuple[Array, Array]:
         """Return the ends of the friction where motors are not in the torques, (hidden,) each."""
         rows = [row for row in self.table() if row.quantity == COLUMNS[column]]
-        hidden = [row for row, own in zip(rows, self.hidden, strict=True) if own]
-        return np.array([row.lower for row in hidden]), np.array([self._with_motor(row) for row in hidden])
+        hidden = [rows[joint] for joint in np.flatnonzero(self.hidden)]
+        lower = np.array([row.lower for row in hidden])
+        return lower, np.array([self._with_motor(row) for row in hidden])
 
     @property
     def drives(self) -> Drives:
@@ -321,27 +274,30 @@ class Identified:
     def _fitted_drives(self) -> Drives:
         """Rotors, friction and offsets by the fit alone."""
         drives = self.file.drives
-        implausible = {each.joint for each in self._rotor_findings()}
-        hidden = dict(zip(self.file.joint_names, self.hidden, strict=True))
+        implausible = {finding.joint for finding in self._rotor_findings()}
+        hidden = set(np.array(self.file.joint_names)[self.hidden])
         for row in self.table():
-            if not (name := _DRIVES.get(row.quantity)):
+            if row.quantity not in _DRIVES:
                 continue
-            known = row.joint in drives.data.get(name, {})
-            if hidden[row.joint] and row.quantity == "rotor" and known:
+            name = _DRIVES[row.quantity]
+            is_rotor, is_hidden = row.quantity == "rotor", row.joint in hidden
+            is_known = row.joint in drives.data.get(name, {})
+            if is_hidden and is_rotor and is_known:
                 continue
-            decided = row.data_share > _DECIDED and not hidden[row.joint]
-            decided &= not (row.quantity == "rotor" and row.joint in implausible)
-            upper = row.upper
-            if hidden[row.joint] and row.quantity != "rotor":
-                upper = self._with_motor(row)
+            is_decided = row.data_share > _DECIDED and not is_hidden
+            if is_rotor and row.joint in implausible:
+                is_decided = False
+            upper = self._with_motor(row) if is_hidden and not is_rotor else row.upper
+            source = "identified" if is_decided else "assumed"
             value, low, high = ({row.joint: x} for x in (row.value, row.lower, upper))
-            drives = drives.with_value(name, value, low, high, "identified" if decided else "assumed")
+            drives = drives.with_value(name, value, low, high, source)
         return drives
 
     def _with_motor(self, row: Estimate) -> float:
         """Return the upper end of friction behind a sensor, when the motor's comes on top."""
-        joint, column = self.file.joint_names.index(row.joint), COLUMNS.index(row.quantity)
-        std = float(self._prior.std[joint * len(COLUMNS) + column])
+        joint = self.file.joint_names.index(row.joint)
+        place = joint * len(COLUMNS) + COLUMNS.index(row.quantity)
+        std = float(self._prior.std[place])
         return max(row.upper, row.value + std)
 
     @property
@@ -349,8 +305,8 @@ class Identified:
         """Which rotors are those of a log of chirps, as the other logs did not decide them, (n,)."""
         if self.side is None:
             return np.zeros(self.file.n, dtype=bool)
-        undecided = [each != "identified" for each in self._fitted_drives.sources("rotor_inertia")]
-        return np.asarray(self.side.identified & np.array(undecided), dtype=np.bool_)
+        sources = np.array(self._fitted_drives.sources("rotor_inertia"))
+        return np.asarray(self.side.identified & (sources != "identified"), dtype=np.bool_)
 
     def _add_stiffness(self, drives: Drives) -> Drives:
         """Return drives with the stiffness that the logs show, and the side that it was found for.
@@ -359,11 +315,7 @@ class Identified:
         comes before it. Chirps, which are added later, overrule the side: they alone are made to tell it.
         """
         if self.twist is not None:
-            soft = assume_gears(self.file).drives.data.get("stiffness", {})
-            value = {joint: datum.value for joint, datum in soft.items() if datum.source == "assumed"}
-            for row in self.table():
-                if row.quantity == "stiffness" and row.joint in value and math.isfinite(row.upper):
-                    value[row.joint] = row.value
+            value = self._slow_stiffness()
             if value:
                 low, high = ({joint: f * x for joint, x in value.items()} for f in _STIFFNESS_WITHIN)
                 drives = drives.with_value("stiffness", value, low, high, "assumed")
@@ -372,6 +324,18 @@ class Identified:
             if self.gears.measured.any():
                 drives = drives.with_value("encoder_side", self.gears.side, source="identified")
         return drives
+
+    def _slow_stiffness(self) -> dict[str, float]:
+        """Return joint -> stiffness that slow motions show where it is assumed, else the assumed one."""
+        stiffness = {}
+        for joint, datum in assume_gears(self.file).drives.data.get("stiffness", {}).items():
+            if datum.source == "assumed":
+                stiffness[joint] = datum.value
+        for row in self.table():
+            is_shown = row.quantity == "stiffness" and math.isfinite(row.upper)
+            if is_shown and row.joint in stiffness:
+                stiffness[row.joint] = row.value
+        return stiffness
 
     def with_resonance(self, log: Any) -> Identified:
         """Return the same with the gears that a log of ``armgpi excite --resonance`` shows.
@@ -400,11 +364,13 @@ class Identified:
             ParameterError: for torques of sensors behind the gears, by this log or the others.
         """
         other = copy.copy(self)
-        other.side = find_side(self.robot, self._data.with_rotors(self._data.read(log)))
+        chirps = self._data.with_rotors(self._data.read(log))
+        other.side = find_side(self.robot, chirps)
         shaken, side = self._shaken, other.side.side
         if shaken is not None and self.gears is not None and side not in ("", self.gears.side):
             # The stiffness was found for the other side.
-            robot = self.robot.with_drives(self.robot.drives.with_value("encoder_side", side))
+            drives = self.robot.drives.with_value("encoder_side", side)
+            robot = self.robot.with_drives(drives)
             other.gears = find_gears(robot, shaken, self.lag, self._data.gravity)
         return other._with_own_drives()
 
@@ -423,13 +389,17 @@ class Identified:
             ConfigError: for a file that is no experiment, or is one of drawn arms.
             ParameterError: when the first log is of another experiment.
         """
-        data, n, other = self._data, self.file.n, copy.copy(self)
+        data, other = self._data, copy.copy(self)
+        no_lag = np.zeros(self.file.n)
         tau = simulate_experiment(path, self.robot, self.late, data.grids[0])
         twin = WeakForm(data.model, data.grids[0]._replace(tau=tau))
-        measured, simulated = (form.torque(np.zeros(n))[0] for form in (data.forms[0], twin))
+        measured, _ = data.forms[0].torque(no_lag)
+        simulated, _ = twin.torque(no_lag)
         measured = np.where(data.blocks(self.lag)[0].valid, measured, np.nan)
-        shares = _shares([measured - simulated], [measured])
-        other.simulated = frozen(np.full(n, np.inf) if np.isinf(tau).any() else shares)
+        residuals = shares([measured - simulated], [measured])
+        if np.isinf(tau).any():
+            residuals = np.full(self.file.n, np.inf)
+        other.simulated = frozen(residuals)
         return other
 
     def table(self, bodies: bool = False) -> list[Estimate]:
@@ -439,27 +409,31 @@ class Identified:
         torque) or towards rest ("stribeck"), and what a motor has that turns with another joint as well
         ("rotor with wrist_1", ...).
         """
-        names = self.robot.joint_names
-        rows = []
-        for i, joint in enumerate(names):
-            for j, name in enumerate(COLUMNS):
-                if bodies or j >= len(BODY):
-                    rows.append(self._estimate(joint, name, i * len(COLUMNS) + j))
-            for k, (kind, asked) in enumerate(self._data.frictions.items()):
-                if asked[i]:
-                    rows.append(self._estimate(joint, kind, (len(COLUMNS) + k) * len(names) + i))
-            for k, (one, other, _) in enumerate(self._data.coupled):
-                place = (len(COLUMNS) + len(self._data.frictions)) * len(names) + k * len(MOTOR)
-                rows += [
-                    self._estimate(joint, f"{kind} with {names[one]}", place + m)
-                    for m, kind in enumerate(MOTOR)
-                    if other == i
-                ]
-            end = len(self.theta) - self._data.lags
-            if self.twist is not None:
-                rows.append(self._stiffness(joint, end - len(names) + i))
-            rows.append(self._estimate(joint, "lag", end + min(i, self._data.lags - 1)))
+        rows: list[Estimate] = []
+        for number, joint in enumerate(self.robot.joint_names):
+            for column, name in enumerate(COLUMNS):
+                if bodies or column >= len(BODY):
+                    rows.append(self._estimate(joint, name, number * len(COLUMNS) + column))
+            rows += self._further_rows(number, joint)
         return rows
+
+    def _further_rows(self, number: int, joint: str) -> Iterator[Estimate]:
+        """Give the estimates of a joint that come after those of all joints: friction, motors, gears, lag."""
+        names, data = self.robot.joint_names, self._data
+        place = len(COLUMNS) * len(names)
+        for kind, asks in data.frictions.items():
+            if asks[number]:
+                yield self._estimate(joint, kind, place + number)
+            place += len(names)
+        for coupled in data.coupled:
+            if coupled.motor == number:
+                for offset, kind in enumerate(MOTOR):
+                    yield self._estimate(joint, f"{kind} with {names[coupled.joint]}", place + offset)
+            place += len(MOTOR)
+        end = len(self.theta) - data.lags
+        if self.twist is not None:
+            yield self._stiffness(joint, end - len(names) + number)
+        yield self._estimate(joint, "lag", end + min(number, data.lags - 1))
 
     def sums(self) -> list[Estimate]:
         """Return, joint by joint, the mean of its diagonal of D(q), rotor included.
@@ -467,16 +441,17 @@ class Identified:
         A rotor near the base cannot be told from the links, and this sum can.
         """
         rows = []
-        for joint, own in zip(self.robot.joint_names, self._data.inertias(), strict=True):
+        for joint, of_joints in zip(self.robot.joint_names, self._data.inertias(), strict=True):
             combination = np.zeros(len(self.theta))
-            combination[: len(own)] = own
-            value, expected = float(combination @ self.theta), float(combination @ self._prior.mean)
+            combination[: len(of_joints)] = of_joints
+            value = float(combination @ self.theta)
+            expected = float(combination @ self._prior.mean)
             scaled = combination * self._prior.std
             std = float(np.sqrt(scaled @ self._fit.covariance @ scaled))
             inverse = np.linalg.solve(self._fit.information, scaled)
-            learned = 1.0 - float(scaled @ inverse) / float(scaled @ scaled)
-            ends = (max(value - _95 * std, 0.0), value + _95 * std)
-            rows.append(Estimate(joint, "inertia", value, *ends, learned, expected))
+            prior_share = float(scaled @ inverse) / float(scaled @ scaled)
+            lower, upper = max(value - _95 * std, 0.0), value + _95 * std
+            rows.append(Estimate(joint, "inertia", value, lower, upper, 1.0 - prior_share, expected))
         return rows
 
     @property
@@ -493,7 +468,8 @@ class Identified:
         information = fitted.information.copy()
         information[body, body] -= 1.0 - 1.0 / _PAYLOAD**2
         free = np.linalg.solve(information, fitted.information @ fitted.free)
-        bodies = free[: len(COLUMNS) * n].reshape(n, -1)[:, : len(BODY)]
+        of_joints = free[: len(COLUMNS) * n].reshape(n, -1)
+        bodies = of_joints[:, : len(BODY)]
         links = np.delete(bodies, carrying, axis=0)
         return float((links**2).sum())
 
@@ -508,9 +484,11 @@ class Identified:
 
         NaN of joints with less than a tenth of the largest one: a tool at a wrist multiplies its inertia.
         """
-        none = np.zeros(self.file.n)
-        own, file = (mean_inertia(arm.with_armature(none)) for arm in (self.robot, self.file))
-        return np.where(file > _INERT * file.max(), own / np.maximum(file, np.finfo(float).tiny), np.nan)
+        no_rotors = np.zeros(self.file.n)
+        identified = mean_inertia(self.robot.with_armature(no_rotors))
+        file = mean_inertia(self.file.with_armature(no_rotors))
+        ratios = identified / np.maximum(file, np.finfo(float).tiny)
+        return np.where(file > _INERT * file.max(), ratios, np.nan)
 
     def sample(self, count: int = 64, seed: int = 0) -> RobotBatch:
         """Return arms drawn from what the logs leave open, each physical.
@@ -528,15 +506,16 @@ class Identified:
             box: lower and upper ends of the configurations [rad or m], each (n,); the joint ranges if None.
             count: arms.
         """
-        q = random_configurations(self.robot, _CONFIGURATIONS, seed=0)
+        q = random_configurations(self.robot, CONFIGURATIONS, seed=0)
         if box is not None:
             lower, upper = (np.asarray(end, dtype=float) for end in box)
-            q = np.random.default_rng(0).uniform(lower, upper, (_CONFIGURATIONS, self.robot.n))
-        own = self.robot.mass_matrix(q)
-        eigenvalues = [
-            np.linalg.eigvals(np.linalg.solve(each.mass_matrix(q), own)).real
-            for each in self.sample(count).robots
-        ]
+            rng = np.random.default_rng(0)
+            q = rng.uniform(lower, upper, (CONFIGURATIONS, self.robot.n))
+        inertia = self.robot.mass_matrix(q)
+        eigenvalues = []
+        for arm in self.sample(count).robots:
+            ratio = np.linalg.solve(arm.mass_matrix(q), inertia)
+            eigenvalues.append(np.linalg.eigvals(ratio).real)
         return float(np.min(eigenvalues)), float(np.max(eigenvalues))
 
     @property
@@ -563,11 +542,11 @@ class Identified:
         lags = f"the lags that fit best are {low} to {high} ms, and no delay differs so between joints"
         if low == high:
             lags = f"the lag that fits best is {low} ms: the positions come before the torques"
-        said = (
+        message = (
             f"{lags}; friction with memory (presliding), or clocks that differ, look like that. The "
             f"controller is made for {1e3 * self.late:.2g} ms"
         )
-        return [Finding("warning", "", said)]
+        return [Finding("warning", "", message)]
 
     def load(self, log: Any, *, check_first: bool = True, scale_known: bool = False) -> Load:
         """Return what the arm carried in another log, by a fit of all logs together.
@@ -583,7 +562,6 @@ class Identified:
         """
         data = self._data.join([log])
         refuse(data.findings(1) if check_first else [])
-        tip = self._tip
         place = carrying_joint(self.file) * len(COLUMNS)
         prior = estimate.extend(data.prior, self._expected_load(), body=True)
         blocks = data.blocks(self.lag)
@@ -593,7 +571,7 @@ class Identified:
             carried = is_carried * block.rows[..., place : place + len(BODY)]
             blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
         fitted = estimate.fit(blocks, prior)
-        load = _load(fitted, prior, tip, self.file.tip)
+        load = _load(fitted, prior, self._tip, self.file.tip)
         constants = self._data.current
         if scale_known or constants is None or np.all(constants == 1.0):
             return load
@@ -603,11 +581,11 @@ class Identified:
     def _expected_load(self) -> Array:
         """Return the standard deviations of the ten parameters of a load, about the joint that carries it."""
         mass = _LOAD * scales(self.file).mass
-        first, second = mass * _LOAD_RADIUS, mass * _LOAD_RADIUS**2
-        about_tip = np.array([mass, *[first] * 3, *[second] * 6])
         reach = float(np.linalg.norm(self._tip.placement.translation))
         farther = 1.0 + reach / _LOAD_RADIUS
-        return np.asarray(about_tip * np.array([1.0, *[farther] * 3, *[farther**2] * 6]))
+        first = mass * _LOAD_RADIUS * farther
+        second = mass * _LOAD_RADIUS**2 * farther**2
+        return np.repeat([mass, first, second], [1, 3, 6])
 
     def validate(self, log: Any) -> Validation:
         """Return how well the arm predicts the torques of a log that it has not seen."""
@@ -618,32 +596,37 @@ class Identified:
         """How well it predicts the torques of the first log that it was fitted to."""
         return self._judge(self._data)
 
-    def _judge(self, data: _Data) -> Validation:
+    def _judge(self, data: Moments) -> Validation:
         """Return how well the arm predicts the torques of the first of some logs."""
         block, form = data.blocks(self.lag, linear=False)[0], data.forms[0]
         weight = block.rows[0, 0, OFFSET]
-        moments = block.torque - block.rows[..., -data.lags :] @ self.theta[-data.lags :]
-        torque = np.where(block.valid, moments, np.nan)
-        predicted, expected = (
-            block.rows[..., : -data.lags] @ x[: -data.lags] for x in (self.theta, self._prior.mean)
-        )
-        shares = [_shares([torque - x], [torque]) for x in (predicted, expected)]
+        without_lags = block.rows[..., : -data.lags]
+        of_lags = block.rows[..., -data.lags :] @ self.theta[-data.lags :]
+        torque = np.where(block.valid, block.torque - of_lags, np.nan)
+        predicted = without_lags @ self.theta[: -data.lags]
+        expected = without_lags @ self._prior.mean[: -data.lags]
         middle = np.rint(form.times / data.grids[0].dt).astype(np.intp)
-        motion = form.times, form.position[middle], form.velocity[middle]
-        identified, file = shares
-        return Validation(data.logs[0].source, identified, file, *motion, torque / weight, predicted / weight)
+        return Validation(
+            source=data.logs[0].source,
+            identified=shares([torque - predicted], [torque]),
+            file=shares([torque - expected], [torque]),
+            times=form.times,
+            position=form.position[middle],
+            velocity=form.velocity[middle],
+            torque=torque / weight,
+            predicted=predicted / weight,
+        )
 
     def _estimate(self, joint: str, quantity: str, place: int) -> Estimate:
         """Return one unknown; what cannot be negative has an interval that is not."""
         value, std = float(self.theta[place]), float(self._std[place])
         least = 0.0 if place in self._prior.positive else -np.inf
         ends = (max(value - _95 * std, least), value + _95 * std)
-        learned, expected = float(self._fit.learned[place]), float(self._prior.mean[place])
-        if quantity == "lag":
-            expected = 0.0
+        data_share = float(self._fit.learned[place])
+        expected = 0.0 if quantity == "lag" else float(self._prior.mean[place])
         if quantity == "rotor":
             ends = self._rotor_ends(joint, value, expected, ends)
-        return Estimate(joint, quantity, value, *ends, learned, expected)
+        return Estimate(joint, quantity, value, *ends, data_share, expected)
 
     def _rotor_ends(
         self, joint: str, value: float, expected: float, ends: tuple[float, float]
@@ -662,13 +645,14 @@ class Identified:
 
     def _known_rotor(self, joint: str, value: float, expected: float) -> tuple[float, float]:
         """Return the interval of a rotor that was known before; endless where it came out beyond."""
-        known = self.file.drives.data.get("rotor_inertia", {}).get(joint)
+        datum = self.file.drives.data.get("rotor_inertia", {}).get(joint)
         least, most = expected / SCATTER, expected * SCATTER
-        if known is not None and known.low < known.high:
-            least, most = known.low, known.high
+        if datum is not None and datum.low < datum.high:
+            least, most = datum.low, datum.high
         if self.hidden[self.file.joint_names.index(joint)]:
             return least, most
-        return (least if value > least else -math.inf), (most if value < most else math.inf)
+        lower = least if value > least else -math.inf
+        return lower, most if value < most else math.inf
 
     def _stiffness(self, joint: str, place: int) -> Estimate:
         """Return the stiffness of a joint, 1 / compliance; endless where the log does not bound it."""
@@ -683,24 +667,26 @@ class Identified:
         """Return that the logs were fitted with elastic joints, where they were."""
         if self.twist is None:
             return []
-        mode, explained = self.twist.mode(self.file.middle()), self._data.explained
-        said = (
+        mode = self.twist.mode(self.file.middle())
+        explained = self._data.explained
+        message = (
             f"the joints are elastic: the logs were fitted with their stiffness, encoders at the "
             f"{self.twist.side}s, and a first mode of {mode:.2g} Hz in the middle, which explains "
             f"{100.0 * explained:.2g} % of what stiff joints leave of the torques; armgpi excite --resonance "
             "measures it"
         )
-        return [Finding("warning", "", said)]
+        return [Finding("warning", "", message)]
 
     def _rotor_findings(self) -> list[Finding]:
         """Return which rotors that the log decided are not plausible for a motor."""
-        rows = [row for row in self.table() if row.quantity == "rotor"]
-        none = _without_rotors(self.file)
-        decided = [row for row, own in zip(rows, none, strict=True) if row.data_share > _DECIDED and not own]
-        value, low, high, expected = (
-            np.array([getattr(row, name) for row in decided])
-            for name in ("value", "lower", "upper", "expected")
-        )
+        decided = []
+        for row, is_direct in zip(self._rotors, _without_rotors(self.file), strict=True):
+            if row.data_share > _DECIDED and not is_direct:
+                decided.append(row)
+        value = np.array([row.value for row in decided])
+        low = np.array([row.lower for row in decided])
+        high = np.array([row.upper for row in decided])
+        expected = np.array([row.expected for row in decided])
         return check_rotors([row.joint for row in decided], value, (low, high), expected)
 
     def __repr__(self) -> str:
@@ -761,7 +747,7 @@ def identify(
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
     constants = None if current is None else quantity(current, "current", robot.joint_names)
     robot = with_published(robot)
-    data = _Data(robot, gravity, constants, columns).with_logs(list(logs) if several else [logs])
+    data = Moments(robot, gravity, constants, columns).with_logs(list(logs) if several else [logs])
     if not data.forms:
         raise ParameterError("logs", logs, "at least one log")
     findings = data.findings(len(data.grids))
@@ -771,511 +757,79 @@ def identify(
         data.torque = torque
     if data.torque == "joint":
         data.hide(np.ones(robot.n, dtype=bool))
-    found = _fit(data, findings)
+    found = Identified(data, *fit_with_terms(data), findings)
     light = found.light
     if light.any():
         findings = [*findings, *_hide_rotors(data, light, found)]
-        found = _fit(data, findings)
+        found = Identified(data, *fit_with_terms(data), findings)
     if check_first:
-        rotors = [row for row in found.table() if row.quantity == "rotor"]
-        least = np.array([row.lower / row.expected for row in rotors])
+        least = np.array([row.lower / row.expected for row in found._rotors])
         refuse(check_fit(found.robot.joint_names, found.lag, found.residuals, least))
-    unknowns = found._fit.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)
-    bodies = np.sqrt((unknowns[:, : len(BODY)] ** 2).mean(axis=1))
-    coulomb = np.array([row.lower for row in found.table() if row.quantity == "coulomb"])
-    found.findings += tuple(found._twist_findings())
-    found.findings += tuple(found._lag_findings())
-    found.findings += tuple(found._rotor_findings())
-    found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
-    found.findings += tuple(check_bodies(robot.joint_names, bodies, carrying_joint(robot)))
-    found.findings += tuple(check_robot(robot.joint_names, found.link_distance, found.inertia_ratios))
+    found.findings += tuple(_findings_of_fit(found))
     return found
 
 
-def _fit(data: _Data, findings: Sequence[Finding]) -> Identified:
-    """Return the fit of some logs, with the terms of friction, motors and lags that they ask for."""
-    n = data.robot.n
-    data.width, data.frictions, data.coupled, data.lags = np.full(n, _FIRST_WIDTH), {}, [], 1
-    data.set_twist(None)
-    lag = _settle(data, np.zeros(n))
-    data.width = _choose_widths(data, lag)
-    lag = _choose_elasticity(data, lag)
-    _choose_frictions(data, lag)
-    _choose_couplings(data, lag)
-    lag = _settle(data, lag)
-    if data.twist is not None:
-        lag, _ = _settle_twist(data, data.twist, lag)
-    fitted, prior = _with_lags(data, lag)
-    if data.twist is not None:
-        compliance = (prior.mean + prior.std * fitted.physical)[: len(prior.mean) - data.lags][-n:]
-        data.set_twist(_twist_of(data, fitted, lag, data.twist.side, compliance))
-    return Identified(data, fitted, prior, findings)
+def _findings_of_fit(found: Identified) -> Iterator[Finding]:
+    """Give what is remarkable of a fit: elastic joints, lags, rotors, friction, and bodies."""
+    robot, names = found.file, found.file.joint_names
+    unknowns = found._fit.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)
+    squares = unknowns[:, : len(BODY)] ** 2
+    body_distances = np.sqrt(squares.mean(axis=1))
+    coulomb = np.array([row.lower for row in found.table() if row.quantity == "coulomb"])
+    yield from found._twist_findings()
+    yield from found._lag_findings()
+    yield from found._rotor_findings()
+    yield from check_friction(names, found._data.expected, coulomb)
+    yield from check_bodies(names, body_distances, carrying_joint(robot))
+    yield from check_robot(names, found.link_distance, found.inertia_ratios)
 
 
-def _hide_rotors(data: _Data, light: npt.NDArray[np.bool_], found: Identified) -> list[Finding]:
+def _hide_rotors(data: Moments, light: npt.NDArray[np.bool_], found: Identified) -> list[Finding]:
     """Leave rotors out of a fit that came out too light for motors; return what is to be said of it."""
     names = data.robot.joint_names
-    decided = sum(row.quantity == "rotor" and row.data_share > _DECIDED for row in found.table())
+    decided = sum(row.data_share > _DECIDED for row in found._rotors)
     if data.torque != "motor" and light.sum() > _MOST_LIGHT * decided:
         data.torque = "joint"
         data.hide(np.ones(data.robot.n, dtype=bool))
-        said = (
+        message = (
             f"the rotors of {int(light.sum())} of {decided} joints came out far too light for motors, so the "
             "torques were taken as those of sensors behind the gears: rotor inertia and motor friction are "
             "not in them and stay assumed (--torque joint says so, --torque motor denies it)"
         )
-        return [Finding("warning", "", said)]
+        return [Finding("warning", "", message)]
     data.hide(light | data.hidden)
-    return [each for each in found._rotor_findings() if light[names.index(each.joint)]]
-
-
-class _Data:
-    """The moments of some logs of one arm."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        gravity: bool,
-        current: Array | None = None,
-        columns: Mapping[str, str] | None = None,
-    ) -> None:
-        """Begin without logs.
-
-        Raises:
-            ParameterError: for a robot whose joints follow others.
-        """
-        if robot.coupling is not None:
-            raise ParameterError("robot", robot, "a robot whose joints follow no others (mimic='lock')")
-        self.robot, self.gravity, self.current, self.lags = robot, gravity, current, 1
-        self.columns = columns
-        self.model = robot.pinocchio_model()
-        if not gravity:
-            self.model.gravity = pin.Motion.Zero()
-        self.expected = estimate.expect(robot)
-        self.width = np.full(robot.n, _FIRST_WIDTH)
-        self.frictions: dict[str, npt.NDArray[np.bool_]] = {}
-        self.coupled: list[tuple[int, int, float]] = []  # joints, and which way the motor of the second turns
-        self.heavy = robot  # whose gravity is the load of the gears
-        self.twist: Twist | None = None  # where joints are elastic
-        self.explained = math.nan  # share that elastic joints explain of what stiff ones leave
-        self.compliance = expected_compliance(robot)
-        self.grids: list[Grid] = []
-        self.rigid: list[WeakForm] = []  # as if links and motors were one
-        self.forms: list[WeakForm] = []
-        self.twisted: list[Twisted] = []  # where joints are elastic
-        self.phases: list[npt.NDArray[np.intp]] = []
-        self.logs: list[Log] = []  # as they were recorded
-        self.torque = ""
-        self.hidden = np.zeros(robot.n, dtype=bool)
-
-    def hide(self, joints: npt.NDArray[np.bool_]) -> None:
-        """Take the rotors of some joints, (n,), to be not in the torques: they stay what is expected."""
-        self.hidden = joints.copy()
-        mean, std = (
-            each.reshape(self.robot.n, -1).copy() for each in (self.expected.mean, self.expected.std)
-        )
-        std[joints, ROTOR] = 0.5 * (SCATTER - 1.0 / SCATTER) / _95 * mean[joints, ROTOR]
-        self.expected = self.expected._replace(std=std.ravel())
-
-    def with_logs(self, logs: Sequence[Any]) -> _Data:
-        """Return the same of other logs.
-
-        Raises:
-            UnfitLog: for one that is too short for a single moment.
-        """
-        other = _Data(self.robot, self.gravity, self.current, self.columns)
-        other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
-        other.heavy, other.coupled = self.heavy, self.coupled
-        other.torque, other.hidden, other.expected = self.torque, self.hidden, self.expected
-        other.compliance = self.compliance
-        for each in logs:
-            log = self.read(each)
-            other.torque = other.kind(log)
-            grid = resample(log)
-            form = WeakForm(self.model, grid)
-            if not len(form.starts):
-                length = f"{log.t[-1] - log.t[0]:.2g} s long"
-                reason = f"it is {length}, without a second that has no gap: log longer ({log.source})"
-                raise UnfitLog([reason])
-            other.grids.append(grid)
-            other.rigid.append(form)
-            # The phase of each test function in the period of the motion, if it has one; else its number.
-            phase: npt.NDArray[np.intp] = np.rint((form.times - form.times[:1]) / form.hop).astype(np.intp)
-            if (period := _period(grid)) is not None:
-                phase = np.remainder(phase, max(1, round(period / form.hop)))
-            other.phases.append(phase)
-            other.logs.append(log)
-        other.set_twist(self.twist)
-        return other
-
-    def set_twist(self, twist: Twist | None) -> None:
-        """Take the joints for elastic ones, or for stiff ones."""
-        self.twist, self.forms, self.twisted = twist, list(self.rigid), []
-        if twist is not None:
-            self.twisted = [twist.apply(form) for form in self.rigid]
-            self.forms = [each.form for each in self.twisted]
-
-    def read(self, log: Any) -> Log:
-        """Return a log with torques."""
-        return with_torques(read_log(log, self.robot, columns=self.columns), self.current)
-
-    def kind(self, log: Log) -> str:
-        """Return what the torques of a log are: what it says itself, or those of the others are.
-
-        Raises:
-            ParameterError: when both are known, and not the same.
-        """
-        if log.torque and self.torque and log.torque != self.torque:
-            wanted = f"logs of one kind of torque: the others are of {self.torque!r} torques"
-            raise ParameterError(f"{log.source}: torque", log.torque, wanted)
-        return log.torque or self.torque
-
-    def with_rotors(self, log: Log) -> Log:
-        """Return a log with what its torques are, which have to have the rotors in them.
-
-        Raises:
-            ParameterError: when it is of another kind than the other logs, or these have none of any rotor.
-        """
-        kind = self.kind(log)
-        if self.hidden.all() and kind != "joint":
-            wanted = "torques of the motors: in those of the other logs there is no joint's rotor"
-            raise ParameterError(f"{log.source}: torque", kind or "not specified", wanted)
-        return log._replace(torque=kind)
-
-    def join(self, logs: Sequence[Any]) -> _Data:
-        """Return the same with more logs."""
-        other = self.with_logs(logs)
-        other.grids, other.rigid = self.grids + other.grids, self.rigid + other.rigid
-        other.forms, other.twisted = self.forms + other.forms, self.twisted + other.twisted
-        other.phases, other.logs = self.phases + other.phases, self.logs + other.logs
-        return other
-
-    def findings(self, count: int) -> list[Finding]:
-        """Return what the check says of the last logs."""
-        pairs = list(zip(self.logs, self.grids, self.rigid, strict=True))[-count:]
-        return [x for each in pairs for x in check(self.robot, self.gravity, self.expected, *each)]
-
-    def inertias(self) -> Array:
-        """Return the mean diagonal of D(q) as combinations of the unknowns of joints, (n, 14 n)."""
-        n, free = self.robot.n, self.robot.pinocchio_model()
-        free.gravity = pin.Motion.Zero()
-        q = random_configurations(self.robot, _CONFIGURATIONS, seed=0)
-        still = np.zeros_like(q)
-        each = [
-            inverse_rows(free, q, still, still + unit, np.ones(n))[:, j] for j, unit in enumerate(np.eye(n))
-        ]
-        combinations: Array = np.stack([rows.mean(axis=0) for rows in each])
-        combinations[..., [COULOMB, VISCOUS, OFFSET]] = 0.0
-        return combinations.reshape(n, -1)
-
-    def torques(self, lag: Array) -> list[Array]:
-        """Return the moments of the torques of every log."""
-        return [form.torque(lag)[0] for form in self.forms]
-
-    @property
-    def prior(self) -> Prior:
-        """What is expected of joints, further friction and lags."""
-        coulomb = self.expected.std.reshape(self.robot.n, -1)[:, COULOMB]
-        sizes = {"load": np.ones(self.robot.n), "stribeck": coulomb}
-        stds = [FRICTIONS[name] * sizes[name] for name in self.frictions]
-        own = self.expected.std.reshape(self.robot.n, -1)[:, [ROTOR, VISCOUS, COULOMB]]
-        stds += [own[j] for _, j, _ in self.coupled]
-        prior = estimate.extend(self.expected, np.concatenate([*stds, np.empty(0)]))
-        if self.twist is not None:
-            prior = estimate.extend_positive(prior, *self.compliance)
-        return estimate.extend(prior, estimate.lag_std(self.lags))
-
-    def blocks(self, lag: Array, width: Array | None = None, linear: bool = True) -> list[Block]:
-        """Return the regressions, linear in the lag around one [s], (n,).
-
-        Args:
-            lag: that one.
-            width: speed over which friction changes its sign [rad/s or m/s], (n,).
-            linear: whether the twist of elastic joints follows the unknowns; else it stays.
-        """
-        width = self.width if width is None else width
-        found = []
-        for index, form in enumerate(self.forms):
-            torque, by_lag = form.torque(lag)
-            own, late = self._own_rows(form, width), self._lag_rows(by_lag)
-            more = [self._friction_rows(form, width, name) for name in self.frictions]
-            more += [self._coupling(form, width, *each) for each in self.coupled]
-            if self.twist is not None:
-                twisted, follows = self.twisted[index], float(linear)
-                more.append(follows * twisted.slope)
-                own += follows * twisted.rows
-                late += follows * self._for_lags(twisted.late)
-                torque = torque + follows * twisted.known
-            rows = np.concatenate([own.reshape(*torque.shape, -1), *more, late], axis=-1)
-            found.append(Block(rows, torque - by_lag * lag, form.moving(_STILL), self.phases[index]))
-        return found
-
-    def _own_rows(self, form: WeakForm, width: Array) -> Array:
-        """Return the rows of the unknowns of every joint, (k, n, n, 14); rotors where torques have them."""
-        rows, j = form.rows.copy(), np.arange(self.robot.n)
-        rows[:, j, j, ROTOR] *= ~self.hidden
-        rows[:, j, j, COULOMB] = form.signs(width)
-        return rows
-
-    def _lag_rows(self, by_lag: Array) -> Array:
-        """Return the rows of the lags, (k, n, lags), from the derivative of the torques by them, (k, n)."""
-        return self._for_lags(-by_lag[:, :, None] * np.eye(self.robot.n))
-
-    def _for_lags(self, rows: Array) -> Array:
-        """Return rows of a lag of each joint, (k, n, n), as they are, or for one lag of all, (k, n, 1)."""
-        return rows if self.lags == self.robot.n else rows.sum(axis=-1, keepdims=True)
-
-    def _friction_rows(self, form: WeakForm, width: Array, name: str) -> Array:
-        """Return the rows of a further friction of the joints whose data ask for it, (k, n, n)."""
-        if name == "load":
-            size = np.abs(self.heavy.gravity(form.position))
-        else:
-            size = np.exp(-((form.velocity / _STRIBECK) ** 2))
-        return np.asarray(np.eye(self.robot.n) * (self.frictions[name] * form.signs(width, size))[:, None])
-
-    def _coupling(self, form: WeakForm, width: Array, one: int, other: int, sign: float) -> Array:
-        """Return the moments of a motor that turns with two joints, beside its own: (k, n, 3)."""
-        rows = np.zeros((len(form.starts), self.robot.n, len(MOTOR)))
-        for i, j in ((one, other), (other, one)):
-            rows[:, i, :2] = sign * form.rows[:, j, j][:, [ROTOR, VISCOUS]]
-        both = form.signs(
-            np.full(1, width[other]), 1.0, form.velocity[:, [other]] + sign * form.velocity[:, [one]]
-        )
-        rows[:, [one, other], 2] = both * np.array([sign, 1.0])
-        return rows
+    return [finding for finding in found._rotor_findings() if light[names.index(finding.joint)]]
 
 
 def _without_rotors(robot: Robot) -> npt.NDArray[np.bool_]:
     """Return of which joints somebody specified that they have no rotor, as those of direct drives, (n,)."""
-    known = np.array([source != "" for source in robot.drives.sources("rotor_inertia")])
-    return np.asarray((robot.drives.value("rotor_inertia") == 0.0) & known, dtype=np.bool_)
+    is_specified = np.array(robot.drives.sources("rotor_inertia")) != ""
+    is_zero = robot.drives.value("rotor_inertia") == 0.0
+    return np.asarray(is_zero & is_specified, dtype=np.bool_)
 
 
 def mean_inertia(robot: Robot) -> Array:
     """Return a robot's mean diagonal of D(q), (n,), over the configurations of :meth:`Identified.sums`."""
-    q = random_configurations(robot, _CONFIGURATIONS, seed=0)
-    mean: Array = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2).mean(axis=0)
-    return mean
-
-
-def _settle(data: _Data, lag: Array) -> Array:
-    """Return the lag around which the regression is linear [s], (n,)."""
-    for _ in range(_LAG_ROUNDS):
-        prior = data.prior
-        fitted = estimate.fit(data.blocks(lag), prior, physical=False)
-        lag = np.broadcast_to((prior.mean + prior.std * fitted.free)[-data.lags :], data.robot.n).copy()
-    return lag
-
-
-def _choose_widths(data: _Data, lag: Array) -> Array:
-    """Return the width of the sign of each joint that leaves the least residual."""
-    left = []
-    for width in WIDTHS:
-        blocks = data.blocks(lag, np.full(data.robot.n, width))
-        left.append(_power(estimate.fit(blocks, data.prior, physical=False)))
-    return np.asarray(np.array(WIDTHS)[np.argmin(left, axis=0)], dtype=np.float64)
-
-
-class _ElasticFit(NamedTuple):
-    """A fit with elastic joints.
-
-    Attributes:
-        explained: share of what stiff joints leave of the torques that it explains (geometric mean).
-        twist: what the twist of the gears is computed from.
-        lag: of positions behind torques [s], (n,).
-    """
-
-    explained: float
-    twist: Twist
-    lag: Array
-
-
-def _choose_elasticity(data: _Data, lag: Array) -> Array:
-    """Take the joints for elastic ones where they are soft; return the lag then [s], (n,).
-
-    Soft is a first mode below :data:`SOFT` by a stiffness that is known, or one below :data:`MOST_SOFT` by
-    elastic joints that explain much of what stiff ones leave.
-    """
-    _, most = data.compliance
-    if not most.any():  # direct drives
-        return lag
-    fitted = estimate.fit(data.blocks(lag), data.prior)
-    stiff = _twist_of(data, fitted, lag, "motor", np.zeros(data.robot.n))
-    middle = data.robot.middle()
-    known = bool(knows_stiffness(data.robot).all())
-    if known and not stiff._replace(compliance=data.compliance[0]).mode(middle) < SOFT:
-        return lag
-    sides = _sides(data.robot)
-    fits = [_fit_elastic(data, stiff._replace(side=side), lag, _power(fitted), known) for side in sides]
-    data.set_twist(None)
-    best = max((each for each in fits if each is not None), key=lambda each: each.explained, default=None)
-    if best is None or best.twist.mode(middle) >= MOST_SOFT:
-        return lag
-    least = _ELASTIC if len(sides) == 1 else _ELASTIC_BLIND
-    if best.explained < least and not known:
-        return lag
-    data.set_twist(best.twist)
-    data.explained = best.explained
-    return best.lag
-
-
-def _sides(robot: Robot) -> tuple[str, ...]:
-    """Return where the encoders may be: both sides, unless one is known of all joints."""
-    known = set(robot.drives.value("encoder_side").tolist())
-    if len(known) == 1 and "" not in known:
-        return tuple(known)
-    return ("motor", "link")
-
-
-def _fit_elastic(data: _Data, stiff: Twist, lag: Array, left: Array, known: bool) -> _ElasticFit | None:
-    """Return the fit with elastic joints and encoders at one side; None where they explain nothing at once.
-
-    Args:
-        data: of the logs; it keeps the twist.
-        stiff: what the twist is computed from, without compliance.
-        lag: to begin with [s], (n,).
-        left: power of what stiff joints leave of the torque of each joint, (n,).
-        known: whether the stiffness is known: then the fit is wanted whatever it explains.
-    """
-    data.set_twist(stiff)
-    at_once = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
-    if not known and _explained(at_once, left) < _WORTH:
-        return None
-    settled_lag, settled = _settle_twist(data, stiff, lag)
-    assert data.twist is not None
-    return _ElasticFit(_explained(settled, left), data.twist, settled_lag)
-
-
-def _explained(power: Array, before: Array) -> float:
-    """Return the share of powers before that is gone, all joints together (geometric mean)."""
-    return 1.0 - math.exp(float(np.mean(np.log(power / before))))
-
-
-def _twist_of(data: _Data, fitted: Fit, lag: Array, side: str, compliance: Array) -> Twist:
-    """Return what the twist of gears is computed from by a fit."""
-    n = data.robot.n
-    joints = len(COLUMNS) * n
-    theta = data.prior.mean + data.prior.std * fitted.physical
-    arm = with_parameters(data.robot, theta[:joints]).with_armature(np.zeros(n)).pinocchio_model()
-    arm.gravity = data.model.gravity
-    return Twist(side, compliance, theta[:joints].reshape(n, -1), arm, data.width, lag, data.hidden)
-
-
-def _settle_twist(data: _Data, twist: Twist, lag: Array) -> tuple[Array, Array]:
-    """Find the compliance around which the regression is linear.
-
-    Returns:
-        The lag then [s] and the power of what is left, each (n,).
-    """
-    for _ in range(_TWIST_ROUNDS):
-        data.set_twist(twist)
-        fitted = estimate.fit(data.blocks(lag), data.prior)
-        theta = data.prior.mean + data.prior.std * fitted.physical
-        n, end = data.robot.n, len(theta) - data.lags
-        compliance = theta[end - n : end]
-        lag = np.broadcast_to(theta[end:], n).copy()
-        larger = np.maximum(compliance, twist.compliance)  # 0 of a joint without a gear, or of a stiff one
-        change = np.abs(compliance - twist.compliance) / np.maximum(larger, np.finfo(float).tiny)
-        twist = _twist_of(data, fitted, lag, twist.side, compliance)
-        if change.max() < _TWIST_SETTLED:
-            break
-    data.set_twist(twist)
-    return lag, _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
-
-
-def _choose_frictions(data: _Data, lag: Array) -> None:
-    """Give joints the frictions that explain more of what is left."""
-    fitted = estimate.fit(data.blocks(lag), data.prior)
-    theta, left = data.prior.mean + data.prior.std * fitted.physical, _power(fitted)
-    data.heavy = with_parameters(data.robot, theta[: len(COLUMNS) * data.robot.n])
-    seen = _shares(fitted.residuals, data.torques(lag)) > _SEEN
-    for name in FRICTIONS:
-        data.frictions[name] = np.ones(data.robot.n, dtype=bool)
-        less = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
-        data.frictions[name] = (less < (1.0 - _WORTH) * left) & seen
-        if not data.frictions[name].any():
-            del data.frictions[name]
-        else:
-            left = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
-
-
-def _choose_couplings(data: _Data, lag: Array) -> None:
-    """Find motors that turn with the joint before theirs as well, the one that explains most first."""
-    fitted = estimate.fit(data.blocks(lag), data.prior, physical=False)
-    left, seen = _power(fitted), _shares(fitted.residuals, data.torques(lag)) > _SEEN
-    known = list(data.coupled)
-    tried: dict[tuple[int, int, float], Array] = {}
-    for i in range(data.robot.n - 1):
-        for sign in (1.0, -1.0) if seen[i : i + 2].any() else ():
-            data.coupled = [*known, (i, i + 1, sign)]
-            less = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
-            tried[i, i + 1, sign] = (less / left)[i : i + 2]
-    best = min(tried, key=lambda each: float(tried[each].min()), default=None)
-    data.coupled = known
-    if best is not None and tried[best].min() < 1.0 - _COUPLED:
-        data.coupled = [*known, best]
-
-
-def _with_lags(data: _Data, lag: Array) -> tuple[Fit, Prior]:
-    """Return the fit with one lag, or with one for each joint where the data ask for it."""
-    common = estimate.fit(data.blocks(lag), data.prior, physical=False)
-    if data.robot.n > 1:
-        data.lags = data.robot.n
-        own = _settle(data, lag)
-        each = estimate.fit(data.blocks(own), data.prior, physical=False)
-        if np.mean(np.log(_power(each) / _power(common))) < np.log(1.0 - _WORTH):
-            return estimate.fit(data.blocks(own), data.prior), data.prior
-        data.lags = 1
-    return estimate.fit(data.blocks(lag), data.prior), data.prior
-
-
-def _power(fitted: Fit) -> Array:
-    """Return the residual's power of each joint, (n,)."""
-    return np.asarray(np.nansum([np.nansum(r**2, axis=0) for r in fitted.residuals], axis=0) + 1e-300)
-
-
-def _shares(residuals: Sequence[Array], torques: Sequence[Array]) -> Array:
-    """Return residual over torque of each joint, root mean squares, (n,); NaN of one that stood still."""
-    left = np.concatenate(list(residuals))
-    torque = np.where(np.isfinite(left), np.concatenate(list(torques)), np.nan)
-    power_left, power = np.nansum(left**2, axis=0), np.nansum(torque**2, axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.sqrt(power_left / np.where(power > 0.0, power, np.nan)))
-
-
-def _period(grid: Grid) -> float | None:
-    """Return the time after which a motion repeats [s]; None for none."""
-    thin = max(1, round(_PERIOD_STEP / grid.dt))
-    step = thin * grid.dt
-    second = round(1.0 / step)
-    q = grid.q[::thin][second : -second or None]  # without its ends, where it begins and ends at rest
-    amplitude = np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
-    for shift in range(max(1, round(_SHORTEST_PERIOD / step)), len(q) // 2 + second):
-        if shift >= len(q) - 1:
-            return None
-        apart = np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max())
-        if apart < _SAME * amplitude:
-            near = range(shift, min(shift + max(1, second), len(q) - 1))
-            squares = [float(((q[each:] - q[:-each]) ** 2).mean()) for each in near]
-            return float(near[int(np.argmin(squares))] * step)
-    return None
+    q = random_configurations(robot, CONFIGURATIONS, seed=0)
+    diagonals = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2)
+    return np.asarray(diagonals.mean(axis=0))
 
 
 def _load(fitted: Fit, prior: Prior, element: Any, frame: str) -> Load:
     """Return the load of a fit, which is what comes last, in the frame that carries it."""
-    own = slice(len(prior.mean) - len(BODY), None)
-    value = prior.std[own] * fitted.physical[own]
-    covariance = fitted.covariance[own, own] * np.outer(prior.std[own], prior.std[own])
+    std = prior.std[-len(BODY) :]
+    value = std * fitted.physical[-len(BODY) :]
+    covariance = fitted.covariance[-len(BODY) :, -len(BODY) :] * np.outer(std, std)
     mass, lever = float(value[0]), value[1:4] / value[0]
     slope = np.hstack([-lever[:, None], np.eye(3)]) / mass  # of the lever by mass and first moments
     rotation = np.asarray(element.placement.rotation)
     spread = rotation.T @ slope @ covariance[:4, :4] @ slope.T @ rotation
-    local = element.placement.actInv(pin.Inertia.FromDynamicParameters(value))
+    body = element.placement.actInv(pin.Inertia.FromDynamicParameters(value))
     return Load(
-        mass,
-        float(np.sqrt(covariance[0, 0])),
-        np.array(local.lever),
-        np.sqrt(np.diag(spread)),
-        np.array(local.inertia),
-        frame,
+        mass=mass,
+        mass_std=float(np.sqrt(covariance[0, 0])),
+        com=np.array(body.lever),
+        com_std=np.sqrt(np.diag(spread)),
+        inertia=np.array(body.inertia),
+        frame=frame,
     )

@@ -30,26 +30,35 @@ from armgpi.robot.robot import Robot
 _LEAST_SPEED = 0.04
 #: Fewest turns of a joint's motion.
 _TURNS = 2
-#: Least share of a joint's torque that its own terms, each with its sign, have to explain; and how much more
-#: the terms of another joint or the reversed torque may explain before it is taken for that one's.
-_EXPLAINED, _BETTER = 0.5, 0.25
+#: Least share of a joint's torque that its own terms, each with its sign, have to explain.
+_EXPLAINED = 0.5
+#: How much more the terms of another joint or the reversed torque may explain before it is taken for that
+#: one's.
+_BETTER = 0.25
 #: Least share of a torque that counts as unexplained.
 _NOTHING_LEFT = 1e-6
 #: Logarithm of the power that torques leave unexplained in the order of the log over that in another order,
 #: from which it is the other one. Logs of four real and five simulated arms had -3.2 or less for every pair
 #: of joints, and 3.2 or more with that pair swapped (tools/swapped.py).
 OTHER_ORDER = 1.6
-#: Share of the weight that the torques have to carry, where weight is so much of the expected torque.
-_WEIGHT, _WEIGHS = 0.3, 0.3
-#: What the file expects over a torque, and a torque over the most that an arm with rotors and friction may
-#: take, from which its unit is another one: the latter allows for bodies, rotors and friction so far from
-#: what is assumed, in parts of the file's, parts of the assumed rotor, and standard deviations.
-_TOO_SMALL, _TOO_LARGE = 30.0, 10.0
-_BODIES, _ROTORS, _FRICTIONS = 1.5, 4.0, 2.0
+#: Share of the weight that the torques have to carry.
+_WEIGHT = 0.3
+#: Share of the power of a torque that weight has to be before that is asked for.
+_WEIGHS = 0.3
+#: What the file expects over a torque from which its unit is another one.
+_TOO_SMALL = 30.0
+#: A torque over the most that an arm with rotors and friction may take, likewise.
+_TOO_LARGE = 10.0
+#: What that allows for: bodies over the file's, rotors over the assumed ones, and friction in standard
+#: deviations above what is expected.
+_BODIES = 1.5
+_ROTORS = 4.0
+_FRICTIONS = 2.0
 #: Coulomb friction that was found, over that allowance, from which its torque has another unit.
 _RUBS = 2.0
 #: A found rotor over the expected one that is not plausible for a motor: none of those published is outside.
-LIGHT, HEAVY = 0.15, 4.0
+LIGHT = 0.15
+HEAVY = 4.0
 #: Residual over torque of a joint beyond which the fit is of another arm.
 _UNEXPLAINED = 0.5
 #: Rotor over the expected one from which something else is wrong: none of those published is above four.
@@ -71,18 +80,19 @@ def refuse(findings: Sequence[Finding]) -> None:
     Raises:
         UnfitLog: with all of them.
     """
-    errors = [str(each) for each in findings if each.severity == "error"]
+    errors = [str(finding) for finding in findings if finding.severity == "error"]
     if errors:
         raise UnfitLog(errors)
 
 
 def check(robot: Robot, gravity: bool, prior: Prior, log: Log, grid: Grid, form: WeakForm) -> list[Finding]:
     """Return what is wrong with a log, or weak: rate, length, units, speed, turns, order and sign."""
-    found = list(check_samples(robot, log, grid))
-    if not any(each.severity == "error" for each in found) and len(form.starts):
-        found += _of_motion(robot, form)
-        found += _of_torques(robot, gravity, prior, form)
-    return [each._replace(message=f"{each.message} ({log.source})") for each in found]
+    findings = list(check_samples(robot, log, grid))
+    is_fit = all(finding.severity != "error" for finding in findings)
+    if is_fit and len(form.starts):
+        findings += _of_motion(robot, form)
+        findings += _of_torques(robot, gravity, prior, form)
+    return [finding._replace(message=f"{finding.message} ({log.source})") for finding in findings]
 
 
 def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array) -> list[Finding]:
@@ -94,18 +104,18 @@ def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array)
         residuals: residual over torque of each joint, (n,); NaN of one that did not move.
         rotors: lower ends of their intervals over what is expected, (n,).
     """
-    found = []
+    findings = []
     if np.abs(lag).max() > MOST_LAG:
         said = f"positions and torques are more than {1e3 * MOST_LAG:g} ms apart: give both the same clock"
-        found.append(Finding("error", "", said))
+        findings.append(Finding("error", "", said))
     for name, share, rotor in zip(names, residuals, rotors, strict=True):
         if rotor > _HEAVY:
             said = f"its rotor is {rotor:.2g} times the assumed one: are times in s, torques at the joint?"
-            found.append(Finding("error", name, said))
+            findings.append(Finding("error", name, said))
         if share > _UNEXPLAINED:
             said = f"no arm of this kind explains {share:.0%} of its torque: is it this robot, in this order?"
-            found.append(Finding("error", name, said))
-    return found
+            findings.append(Finding("error", name, said))
+    return findings
 
 
 def check_friction(names: Sequence[str], prior: Prior, friction: Array) -> list[Finding]:
@@ -116,18 +126,17 @@ def check_friction(names: Sequence[str], prior: Prior, friction: Array) -> list[
         prior: what was expected of an arm.
         friction: lower ends of the intervals of Coulomb friction [N m or N], (n,).
     """
-    mean, std = (each.reshape(len(names), -1)[:, COULOMB] for each in (prior.mean, prior.std))
+    mean = prior.mean.reshape(len(names), -1)[:, COULOMB]
+    std = prior.std.reshape(len(names), -1)[:, COULOMB]
     most = _RUBS * (mean + _FRICTIONS * std)
-    return [
-        Finding(
-            "warning",
-            name,
-            f"its friction came out as {x:.3g} or more, where at most {limit:.2g} is plausible: is its "
-            "torque in N m or N, at the joint?",
+    findings = []
+    for joint in np.flatnonzero(friction > most).tolist():
+        said = (
+            f"its friction came out as {friction[joint]:.3g} or more, where at most {most[joint]:.2g} is "
+            "plausible: is its torque in N m or N, at the joint?"
         )
-        for name, x, limit in zip(names, friction, most, strict=True)
-        if x > limit
-    ]
+        findings.append(Finding("warning", names[joint], said))
+    return findings
 
 
 def check_rotors(
@@ -141,9 +150,10 @@ def check_rotors(
         ends: of the 95 % intervals, each (n,).
         expected: what is assumed or specified, (n,).
     """
-    found = []
+    findings = []
     for i, name in enumerate(names):
-        low, high, assumed = float(ends[0][i]), float(ends[1][i]), float(expected[i])
+        low, high = float(ends[0][i]), float(ends[1][i])
+        assumed = float(expected[i])
         said = (
             f"its rotor came out as {value[i]:.2g} [{low:.2g}, {high:.2g}], where {assumed:.2g} is assumed: "
         )
@@ -151,11 +161,11 @@ def check_rotors(
             said += (
                 "not plausible for a motor behind a gear, so the assumed one is kept; specify it by --drives"
             )
-            found.append(Finding("warning", name, said))
+            findings.append(Finding("warning", name, said))
         elif low > HEAVY * assumed:
             said += "not plausible for its motor; is it this robot, its torque that at the joint, times in s?"
-            found.append(Finding("warning", name, said))
-    return found
+            findings.append(Finding("warning", name, said))
+    return findings
 
 
 def check_bodies(names: Sequence[str], distances: Array, carrying: int) -> list[Finding]:
@@ -167,20 +177,19 @@ def check_bodies(names: Sequence[str], distances: Array, carrying: int) -> list[
         carrying: the joint whose body has the tip and may carry something that the file does not have; joints
             of a gripper come behind it.
     """
-    found = []
-    for joint, (name, distance) in enumerate(zip(names, distances, strict=True)):
-        if distance <= _UNLIKE:
-            continue
+    findings = []
+    for joint in np.flatnonzero(distances > _UNLIKE).tolist():
         said = "its body came out unlike the file's: is it this robot, with the same zero?"
         if joint == carrying:
             said = "its body came out unlike the file's: does it carry a tool or a payload?"
-        found.append(Finding("warning", name, said))
-    return found
+        findings.append(Finding("warning", names[joint], said))
+    return findings
 
 
 def carrying_joint(robot: Robot) -> int:
     """Return the joint whose body has the tip; joints of a gripper come behind it."""
-    return int(robot._model.frames[robot._frame(robot.tip)].parentJoint) - 1
+    tip = robot._model.frames[robot._frame(robot.tip)]
+    return int(tip.parentJoint) - 1
 
 
 def check_robot(names: Sequence[str], distance: float, inertia: Array) -> list[Finding]:
@@ -195,7 +204,8 @@ def check_robot(names: Sequence[str], distance: float, inertia: Array) -> list[F
     """
     if distance <= ANOTHER_ROBOT:
         return []
-    worst = int(np.nanargmax(np.abs(np.log(np.maximum(inertia, np.finfo(float).tiny)))))
+    positive = np.maximum(inertia, np.finfo(float).tiny)
+    worst = int(np.nanargmax(np.abs(np.log(positive))))
     said = (
         f"the torques need links that are unlike the file's: {inertia[worst]:.2g} times the inertia at "
         f"{names[worst]!r}, which no payload explains (distance {distance:.2g}; right files are below "
@@ -208,8 +218,9 @@ def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
     """Find joints that move too little."""
     for j, name in enumerate(robot.joint_names):
         v = form.velocity[:, j]
-        fast = v[np.abs(v) > 0.1 * form.speed[j]]
-        turns = int((np.diff(np.sign(fast)) != 0).sum())
+        is_fast = np.abs(v) > 0.1 * form.speed[j]
+        changes = np.diff(np.sign(v[is_fast]))
+        turns = int((changes != 0).sum())
         if form.speed[j] < _LEAST_SPEED:
             yield Finding(
                 "error",
@@ -225,7 +236,8 @@ def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
 
 def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> Iterator[Finding]:
     """Find torques that are not those of their joint: swapped, reversed, without weight, in another unit."""
-    n, bare = robot.n, is_supposed(robot)  # of a bare arm the terms say less
+    n = robot.n
+    bare = is_supposed(robot)  # of a bare arm the terms say less
     terms = terms_of(prior, form, n)
     torque, _ = form.torque(np.zeros(n))
     match = match_motions(terms, torque)
@@ -272,7 +284,8 @@ def find_order(match: Array) -> npt.NDArray[np.intp]:
     left = unexplained(match)
     _, order = optimize.linear_sum_assignment(left)
     moved = order != unchanged
-    gain = float(np.sum((left[unchanged, unchanged] - left[unchanged, order])[moved]))
+    gains = left[unchanged, unchanged] - left[unchanged, order]
+    gain = float(np.sum(gains[moved]))
     fits = bool(np.all(match[unchanged, order][moved] >= _EXPLAINED))
     return np.asarray(order if fits and gain > OTHER_ORDER else unchanged, dtype=np.intp)
 
@@ -311,7 +324,8 @@ def _misfit(
         match: share of the torque of joint i that the terms of joint j explain, (n, n).
         bare: whether the file has no masses.
     """
-    own, best = match[joint, joint], int(match[joint].argmax())
+    own = match[joint, joint]
+    best = int(match[joint].argmax())
     if own >= _EXPLAINED:
         return ""
     reverse, _ = _explain(terms, -torque)
@@ -335,19 +349,22 @@ def terms_of(prior: Prior, form: WeakForm, n: int) -> Array:
     rows = form.rows
     body = np.einsum("kijp,jp->ki", rows[..., : len(BODY)], mean[:, : len(BODY)])
     signs = form.signs(np.full(n, _WIDTH))
-    own = [rows[:, j, j, ROTOR] * mean[:, ROTOR], signs, rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET]]
-    return np.stack([body, *own], axis=-1)
+    rotor = rows[:, j, j, ROTOR] * mean[:, ROTOR]
+    viscous, offset = rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET]
+    return np.stack([body, rotor, signs, viscous, offset], axis=-1)
 
 
 def _explain(terms: Array, torque: Array) -> tuple[float, Array]:
     """Return the share of a torque's variation that terms with their signs explain, and their factors."""
-    around, centred = torque - torque.mean(), terms - terms.mean(axis=0)
-    sizes = np.maximum(np.sqrt((centred**2).sum(axis=0)), 1e-300)
+    around = torque - torque.mean()
+    centred = terms - terms.mean(axis=0)
+    squares = (centred**2).sum(axis=0)
+    sizes = np.maximum(np.sqrt(squares), 1e-300)
     total = float(around @ around)
     if total == 0.0:
         return 0.0, np.zeros(terms.shape[1])
-    factors, rest = optimize.nnls(centred / sizes, around)
-    return 1.0 - rest**2 / total, factors / sizes
+    factors, remaining = optimize.nnls(centred / sizes, around)
+    return 1.0 - remaining**2 / total, factors / sizes
 
 
 def _of_scale(
@@ -364,7 +381,8 @@ def _of_scale(
         gravity: whether it carries the arm's weight.
     """
     size = _rms(torque)
-    least = min(_rms(terms[:, 0]), _rms(terms[:, 0] + terms[:, 1]))  # where rotors are not in the torque
+    body, rotor = terms[:, 0], terms[:, 1]
+    least = min(_rms(body), _rms(body + rotor))  # where rotors are not in the torque
     if size > _TOO_LARGE * most or size * _TOO_SMALL < least:
         ratio, what = (size / most, "an arm with rotors and friction takes at most")
         if size * _TOO_SMALL < least:
@@ -372,12 +390,13 @@ def _of_scale(
         said = f"its torque is {ratio:.2g} times what {what}: in N m or N, at the joint, times in s?"
         yield Finding("error", name, said)
         return
-    if not gravity or np.var(terms[:, 0]) < _WEIGHS * np.var(torque):
+    if not gravity or np.var(body) < _WEIGHS * np.var(torque):
         return
     own, factors = _explain(terms, torque)
     if factors[0] >= _WEIGHT:
         return
-    loaded, _ = _explain(np.hstack([terms, payload, -payload[:, 1:]]), torque)
+    with_payload = np.hstack([terms, payload, -payload[:, 1:]])
+    loaded, _ = _explain(with_payload, torque)
     gain = float(unexplained(np.array(own)) - unexplained(np.array(loaded)))
     if gain > OTHER_ORDER:
         said = (
@@ -397,13 +416,11 @@ def _of_scale(
 def _most(prior: Prior, terms: Array) -> Array:
     """Return the root mean square of the torque that each joint takes at most, rotor and friction, (n,)."""
     n = terms.shape[1]
-    mean, std = (each.reshape(n, len(COLUMNS)) for each in (prior.mean, prior.std))
-    body, rotor, sign, viscous, offset = (_rms(terms[..., k]) for k in range(terms.shape[-1]))
-    friction = [
-        (mean[:, k] + _FRICTIONS * std[:, k]) * size
-        for k, size in ((COULOMB, sign), (VISCOUS, viscous), (OFFSET, offset))
-    ]
-    return np.asarray(_BODIES * body + _ROTORS * rotor + np.sum(friction, axis=0))
+    mean, std = prior.mean.reshape(n, -1), prior.std.reshape(n, -1)
+    most = mean + _FRICTIONS * std
+    body, rotor, sign, viscous, offset = _rms(terms).T
+    friction = most[:, COULOMB] * sign + most[:, VISCOUS] * viscous + most[:, OFFSET] * offset
+    return np.asarray(_BODIES * body + _ROTORS * rotor + friction)
 
 
 def _rms(values: Array) -> Any:

@@ -29,27 +29,52 @@ from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS, usual_effort
 from armgpi.tuning.verdict import describe_bandwidths, verdict
 
-#: Ends of the chirp [Hz], its length, the time to settle before it and to come to rest after it [s].
-LOWEST, HIGHEST = 4.0, 160.0
-CHIRP, _BEFORE, _AFTER = 1.0, 0.5, 0.5
+#: Ends of the chirp [Hz].
+LOWEST = 4.0
+HIGHEST = 160.0
+#: Its length, the time to settle before it and to come to rest after it [s].
+CHIRP = 1.0
+_BEFORE = 0.5
+_AFTER = 0.5
 TURN = _BEFORE + CHIRP + _AFTER
 #: Share of the usual effort that the chirp takes, and of the effort that gravity leaves at most.
-SHARE, _SPARE = 0.15, 0.4
-#: Share of the range that a joint may take, sampling of the motion [s], and share of the chirp that its ramps
-#: take.
-_RANGE, _SAMPLE, _RAMP = 0.03, 5e-4, 0.06
+SHARE = 0.15
+_SPARE = 0.4
+#: Share of the range that a joint may take, and of its speed limit.
+_RANGE = 0.03
+_SPEED = 0.5
+#: Sampling of the motion [s].
+_SAMPLE = 5e-4
+#: Share of the chirp that its ramps take.
+_RAMP = 0.06
 #: Configurations about which a motion is tried until it collides with nothing.
 _CENTRES = 20
 #: Share of the fast changes of a joint's torque that has to be in its turn, on average.
 _INSIDE = 0.5
-#: Time after the chirp in which its answer ends [s]; frequencies that are compared begin here [Hz], and end
-#: at a share of the log's rate.
-_RINGS, _FROM, _UP_TO = 0.35, 6.0, 0.33
-#: Standard deviations of what is expected: of logarithms of links, rotor, stiffness, damping ratio and
-#: friction; and of the time between torque and position [s].
-_LINKS, _ROTOR, _STIFFNESS, _DAMPING, _FRICTION, _LATE = 0.4, 0.7, 1.2, 0.8, 1.5, 2e-3
+#: Time before the chirp that belongs to its answer [s], and after it, in which the answer ends [s].
+_STILL = 0.1
+_RINGS = 0.35
+#: Frequencies that are compared begin here [Hz], and end at a share of the log's rate.
+_FROM = 6.0
+_UP_TO = 0.33
+#: Share of the largest torque from which a frequency is compared.
+_STRONG = 0.05
+#: Standard deviations of what is expected: of the logarithms of links, rotor, stiffness, damping ratio and
+#: friction.
+_LINKS = 0.4
+_ROTOR = 0.7
+_STIFFNESS = 1.2
+_DAMPING = 0.8
+_FRICTION = 1.5
+#: The same of the time between torque and position [s].
+_LATE = 2e-3
+#: Unknowns of a joint, in this order.
+_UNKNOWNS = 6
+#: Samples by which a position lags behind its torque without anything else: the hold, and one of delay.
+_HELD = 1.5
 #: Damping ratio and friction over 2 sqrt(K J) that are expected.
-_RATIO, _RUB = 0.03, 0.05
+_RATIO = 0.03
+_RUB = 0.05
 #: Error of the model as a share of what it says: other joints, friction.
 _MODEL = 0.15
 #: Stiffnesses over the assumed one that the fits begin with.
@@ -63,6 +88,10 @@ _ALIKE = 4.0
 _UNSEEN = 0.18
 #: Fewest frequencies that are compared.
 _FEWEST = 8
+#: Share of the evidence of all joints from which one that says the other side is no chance.
+_CONTRADICTS = 0.2
+#: Length of the blocks in which the begin of a motion is looked for [s].
+_BLOCK = 0.05
 #: Resolution of an encoder that showed no motion [bits].
 _COARSEST = 6.0
 #: Sample time of the controllers whose margins are printed [s].
@@ -101,14 +130,17 @@ class Side(NamedTuple):
 
     def add_to(self, drives: Drives) -> Drives:
         """Return drives with the rotors that the log decided, and the side of the joints that it moved."""
-        rows = zip(drives.joint_names, self.rotor, self.low, self.high, self.identified, strict=True)
-        known = {joint: (float(x), float(least), float(most)) for joint, x, least, most, own in rows if own}
-        if known:
-            value, low, high = ({joint: row[k] for joint, row in known.items()} for k in range(3))
+        value, low, high = {}, {}, {}
+        for place in np.flatnonzero(self.identified):
+            joint = drives.joint_names[place]
+            value[joint] = float(self.rotor[place])
+            low[joint] = float(self.low[place])
+            high[joint] = float(self.high[place])
+        if value:
             drives = drives.with_value("rotor_inertia", value, low, high, "identified")
-        moved = [j for j, each in zip(drives.joint_names, self.evidence, strict=True) if math.isfinite(each)]
-        if self.side and moved:
-            side = dict.fromkeys(moved, self.side)
+        moved = np.isfinite(self.evidence)
+        if self.side and moved.any():
+            side = {drives.joint_names[place]: self.side for place in np.flatnonzero(moved)}
             drives = drives.with_value("encoder_side", side, source="identified")
         return drives
 
@@ -144,6 +176,13 @@ class _Fitted(NamedTuple):
     cost: float
     x: Array
     std: float
+
+
+class _BothSides(NamedTuple):
+    """The fits of one joint for encoders at the motor, and at the link."""
+
+    motor: _Fitted
+    link: _Fitted
 
 
 def chirp(
@@ -202,23 +241,21 @@ def _chirp_about(robot: Robot, centre: Array, share: float, clear: Clearance) ->
     times = np.arange(0.0, robot.n * TURN + 0.5 * _SAMPLE, _SAMPLE)
     q = np.tile(centre, (len(times), 1))
     for j in range(robot.n):
-        t = times - j * TURN - _BEFORE
-        own = (t >= 0.0) & (t <= CHIRP)
-        shape = _shape(t[own])
-        largest = np.abs(np.gradient(np.gradient(shape, _SAMPLE), _SAMPLE)).max()
-        fastest = np.abs(np.gradient(shape, _SAMPLE)).max()
-        limits = np.array(
-            [
-                torque[j] / (inertia[j] * largest),
-                0.5 * speed[j] / fastest,
-                _RANGE * (upper[j] - lower[j]) / np.abs(shape).max(),
-            ]
-        )
-        q[own, j] += limits.min() * shape
+        since_begin = times - j * TURN - _BEFORE
+        is_own = (since_begin >= 0.0) & (since_begin <= CHIRP)
+        shape = _shape(since_begin[is_own])
+        change = np.gradient(shape, _SAMPLE)
+        largest = np.abs(np.gradient(change, _SAMPLE)).max()
+        by_torque = torque[j] / (inertia[j] * largest)
+        by_speed = _SPEED * speed[j] / np.abs(change).max()
+        by_range = _RANGE * (upper[j] - lower[j]) / np.abs(shape).max()
+        q[is_own, j] += min(by_torque, by_speed, by_range) * shape
     reference = Recorded(times, q, source=f"chirps of {robot.name}")
     target = reference.at(times)
-    moved = np.abs(robot.gravity(centre)) + inertia * np.abs(target.a).max(axis=0)
-    return Excitation(reference, np.abs(target.v).max(axis=0) / speed, moved / robot.limits.effort, clear)
+    accelerating = inertia * np.abs(target.a).max(axis=0)
+    effort = (np.abs(robot.gravity(centre)) + accelerating) / robot.limits.effort
+    speed_share = np.abs(target.v).max(axis=0) / speed
+    return Excitation(reference, speed_share, effort, clear)
 
 
 def _with_gears(robot: Robot) -> Robot:
@@ -228,9 +265,10 @@ def _with_gears(robot: Robot) -> Robot:
         ParameterError: for an arm without rotors.
     """
     soft = assume_gears(robot)
-    stiff = ~np.isfinite(soft.drives.value("stiffness")) | ~(soft.armature > 0.0)
-    if stiff.any():
-        name = robot.joint_names[int(stiff.argmax())]
+    is_elastic = np.isfinite(soft.drives.value("stiffness"))
+    is_direct = ~is_elastic | ~(soft.armature > 0.0)
+    if is_direct.any():
+        name = robot.joint_names[int(is_direct.argmax())]
         wanted = f"an arm with rotors; {name} has none, and both sides of a direct drive are one"
         raise ParameterError("robot", robot.name, wanted)
     return soft
@@ -241,9 +279,11 @@ def _shape(t: Array) -> Array:
     rate = math.log(HIGHEST / LOWEST) / CHIRP
     frequency = LOWEST * np.exp(rate * t)
     phase = 2.0 * math.pi * (frequency - LOWEST) / rate
-    ramp = np.clip(np.minimum(t, CHIRP - t) / (_RAMP * CHIRP), 0.0, 1.0)
+    to_end = np.minimum(t, CHIRP - t)
+    ramp = np.clip(to_end / (_RAMP * CHIRP), 0.0, 1.0)
     window = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
-    return np.asarray(-np.sin(phase) / (2.0 * math.pi * frequency) ** 2 * window)
+    omega = 2.0 * math.pi * frequency
+    return np.asarray(-np.sin(phase) / omega**2 * window)
 
 
 def find_side(robot: Robot, log: Log) -> Side:
@@ -260,59 +300,60 @@ def find_side(robot: Robot, log: Log) -> Side:
         wanted = "torques of the motors or commanded ones: sensors behind the gears do not feel the rotors"
         raise ParameterError(f"{log.source}: torque", log.torque, wanted)
     grid, counts = resample(log), _counts(log.q)
-    soft, n = _with_gears(robot), robot.n
+    soft = _with_gears(robot)
     coarse: list[int] = []
     responses = list(_responses(soft, grid, counts, coarse))
     if not responses and not coarse:
         wanted = f"expected the motion of armgpi excite --side, {TURN:g} s for each joint"
         raise UnfitLog([f"it shows no joint's chirp: {wanted} ({log.source})"])
-    fits = {
-        each.joint: {side: _fit(soft, each, grid.dt, side) for side in ("motor", "link")}
-        for each in responses
-    }
-    evidence = np.full(n, np.nan)
+    fits = {response.joint: _fit_both(soft, response, grid.dt) for response in responses}
+    evidence = np.full(robot.n, np.nan)
     evidence[coarse] = 0.0
-    for j, both in fits.items():
-        evidence[j] = both["link"].cost - both["motor"].cost
+    for joint, both in fits.items():
+        evidence[joint] = both.link.cost - both.motor.cost
     side = _judge(evidence)
-    rotor, low, high = np.tile(soft.armature, (3, 1))
+    rotor = soft.armature
     low, high = soft.drives.interval("rotor_inertia")
     low, high = np.where(np.isnan(low), rotor, low), np.where(np.isnan(high), rotor, high)
-    identified = np.zeros(n, dtype=bool)
+    result = Side(side, evidence, rotor.copy(), low, high, np.zeros(robot.n, dtype=bool), math.nan, counts)
+    return _with_rotors(result, fits, grid.dt) if side else result
+
+
+def _with_rotors(result: Side, fits: Mapping[int, _BothSides], dt: float) -> Side:
+    """Return what chirps say with the rotors and the lag that the fits of the decided side have.
+
+    Args:
+        result: with a side, and what is known of the rotors; these arrays are written to.
+        fits: of the joints.
+        dt: sample time of the log [s].
+    """
     late = []
-    for j, both in fits.items() if side else ():
-        found = both[side]
-        late.append(_LATE * found.x[5] + 1.5 * grid.dt)
+    for joint, both in fits.items():
+        fitted = both.motor if result.side == "motor" else both.link
+        late.append(_LATE * fitted.x[5] + _HELD * dt)
         # Behind the elasticity a rotor cannot be told from the link: it came out up to six times too heavy.
-        if side == "motor" and found.std < _LEARNED * _ROTOR:
-            value = soft.armature[j] * math.exp(_ROTOR * found.x[1])
-            spread = math.exp(_95 * found.std)
-            rotor[j], low[j], high[j], identified[j] = value, value / spread, value * spread, True
-    return Side(
-        side,
-        evidence,
-        rotor,
-        low,
-        high,
-        identified,
-        float(np.median(late)) if late else math.nan,
-        counts,
-    )
+        if result.side == "motor" and fitted.std < _LEARNED * _ROTOR:
+            value = result.rotor[joint] * math.exp(_ROTOR * fitted.x[1])
+            spread = math.exp(_95 * fitted.std)
+            result.rotor[joint] = value
+            result.low[joint] = value / spread
+            result.high[joint] = value * spread
+            result.identified[joint] = True
+    return result._replace(late=float(np.median(late)) if late else math.nan)
 
 
 def _judge(evidence: Array) -> str:
     """Return the side that joints agree on; "" where none tells it, or where they contradict each other."""
-    told = evidence[np.isfinite(evidence)]
-    strong = told[np.abs(told) > _DECIDED]
-    total = float(told.sum())
+    shown = evidence[np.isfinite(evidence)]
+    strong = shown[np.abs(shown) > _DECIDED]
+    total = float(shown.sum())
     if not len(strong) or abs(total) <= _DECIDED:
         return ""
     # A joint that says the other one as clearly is no chance.
-    if (
-        (strong > 0.0).any()
-        and (strong < 0.0).any()
-        and np.abs(strong[strong * total < 0.0]).max() > 0.2 * abs(total)
-    ):
+    is_against = strong * total < 0.0
+    if is_against.all() or not is_against.any():
+        return "motor" if total > 0.0 else "link"
+    if np.abs(strong[is_against]).max() > _CONTRADICTS * abs(total):
         return ""
     return "motor" if total > 0.0 else "link"
 
@@ -324,27 +365,35 @@ def _counts(q: Array) -> Array:
     """
     steps = np.abs(np.diff(q, axis=0))
     largest = steps.max(axis=0)
-    steps = np.where(steps > 1e-9 * np.maximum(largest, 1e-300), steps, np.inf)
-    least = steps.min(axis=0)
-    return np.asarray(np.where(np.isfinite(least), least, 0.0))
+    is_step = steps > 1e-9 * np.maximum(largest, 1e-300)
+    least = np.where(is_step, steps, np.inf).min(axis=0)
+    return np.where(np.isfinite(least), least, 0.0)
 
 
 def _begin(robot: Robot, grid: Grid) -> int | None:
     """Return the sample at which the motion began: where the torques' chirps are in their turns; or None."""
-    width = max(1, round(0.05 / grid.dt))
+    width = max(1, round(_BLOCK / grid.dt))
     fast = np.diff(grid.tau, n=2, axis=0) ** 2
-    blocks = fast[: len(fast) // width * width].reshape(-1, width, robot.n).sum(axis=1)
-    blocks = np.maximum(blocks - np.median(blocks, axis=0), 0.0)  # without the noise that is always there
+    whole = len(fast) // width * width
+    blocks = fast[:whole].reshape(-1, width, robot.n).sum(axis=1)
+    always_there = np.median(blocks, axis=0)  # noise
+    blocks = np.maximum(blocks - always_there, 0.0)
     blocks /= np.maximum(blocks.sum(axis=0), 1e-300)
-    turn, before, length = (round(each / (width * grid.dt)) for each in (TURN, _BEFORE, CHIRP))
-    best, begin, whole = -1.0, 0, 1
-    for start in range(-(robot.n - 1) * turn, max(len(blocks) - turn, 0) + 1):
-        first = start + before + turn * np.arange(robot.n)
-        there = [j for j in range(robot.n) if first[j] >= 0 and first[j] + length <= len(blocks)]
-        inside = float(sum(blocks[first[j] : first[j] + length, j].sum() for j in there))
-        if inside > best + 1e-12:
-            best, begin, whole = inside, start, len(there)
-    return begin * width if whole and best > _INSIDE * whole else None
+    turn, before, length = (round(time / (width * grid.dt)) for time in (TURN, _BEFORE, CHIRP))
+    most_inside, begin, most_joints = -1.0, 0, 1
+    earliest, latest = -(robot.n - 1) * turn, max(len(blocks) - turn, 0)
+    for start in range(earliest, latest + 1):
+        inside, joints = 0.0, 0
+        for joint in range(robot.n):
+            first = start + before + turn * joint
+            if first >= 0 and first + length <= len(blocks):
+                inside += float(blocks[first : first + length, joint].sum())
+                joints += 1
+        if inside > most_inside + 1e-12:
+            most_inside, begin, most_joints = inside, start, joints
+    if not most_joints or most_inside <= _INSIDE * most_joints:
+        return None
+    return begin * width
 
 
 def _responses(robot: Robot, grid: Grid, count: Array, coarse: list[int]) -> Iterator[_Response]:
@@ -357,92 +406,131 @@ def _responses(robot: Robot, grid: Grid, count: Array, coarse: list[int]) -> Ite
         coarse: takes the joints whose encoders are too coarse for their answers.
     """
     begin = _begin(robot, grid)
-    if begin is None:
+    lines = np.arange(_FROM, min(HIGHEST, _UP_TO / grid.dt), 1.0 / CHIRP)
+    if begin is None or len(lines) < _FEWEST:
         return
     # Of a joint whose position never changed the counts are coarser than its motion.
     count = np.where(count > 0.0, count, robot.encoder_count(_COARSEST))
     heaviest = np.fmax(robot.drives.interval("rotor_inertia")[1], robot.armature)
-    for j in range(robot.n):
-        start = begin + round((j * TURN + _BEFORE - 0.1) / grid.dt)
-        end = begin + round((j * TURN + _BEFORE + CHIRP + _RINGS) / grid.dt)
-        if start < 0 or end > len(grid.q) or grid.bad[start:end].any():
+    for joint in range(robot.n):
+        before_chirp = joint * TURN + _BEFORE
+        start = begin + round((before_chirp - _STILL) / grid.dt)
+        end = begin + round((before_chirp + CHIRP + _RINGS) / grid.dt)
+        is_whole = start >= 0 and end <= len(grid.q)
+        if not is_whole or grid.bad[start:end].any():
             continue
-        part = slice(start, end)
-        t = grid.dt * np.arange(end - start)
-        lines = np.arange(_FROM, min(HIGHEST, _UP_TO / grid.dt), 1.0 / CHIRP)
-        if len(lines) < _FEWEST:
-            continue
-        waves = np.exp(-2j * math.pi * lines[:, None] * t)
-        both = [_level(signal[part, j]) @ waves.T * grid.dt for signal in (grid.q, grid.tau)]
-        position, torque = both
-        # The transform of the noise of one sample, of counts as they are rounded.
-        noise = count[j] / math.sqrt(12.0) * math.sqrt(end - start) * grid.dt
-        # Where not even the heaviest rotor that is expected would move by a count, a position that stands
-        # still says nothing: counts are no white noise then.
-        size = math.sqrt(2.0) * float(_level(grid.tau[part, j]).std())
-        seen = size / (heaviest[j] * (2.0 * math.pi * lines) ** 2) > count[j]
-        strong = (np.abs(torque) > 0.05 * np.abs(torque).max()) & seen
-        if strong.sum() < _FEWEST:
-            coarse.append(j)
-            continue
-        yield _Response(
-            j,
-            lines[strong],
-            (position / np.where(strong, torque, 1.0))[strong],
-            noise / np.abs(torque[strong]),
-            grid.q[part].mean(axis=0),
-        )
+        part = grid._replace(q=grid.q[start:end], tau=grid.tau[start:end], bad=grid.bad[start:end])
+        response = _response(joint, part, lines, float(count[joint]), float(heaviest[joint]))
+        if response is None:
+            coarse.append(joint)
+        else:
+            yield response
+
+
+def _response(joint: int, part: Grid, lines: Array, count: float, heaviest: float) -> _Response | None:
+    """Return the answer of a joint to its chirp; None where its encoder is too coarse for it.
+
+    Args:
+        joint: its number.
+        part: of the log, with its chirp.
+        lines: frequencies [Hz], (k,).
+        count: smallest step of its position [rad or m].
+        heaviest: largest rotor that is expected of it [kg m^2 or kg].
+    """
+    samples = len(part.q)
+    t = part.dt * np.arange(samples)
+    waves = np.exp(-2j * math.pi * lines[:, None] * t)
+    level_torque = _level(part.tau[:, joint])
+    position = _level(part.q[:, joint]) @ waves.T * part.dt
+    torque = level_torque @ waves.T * part.dt
+    # The transform of the noise of one sample, of counts as they are rounded.
+    noise = count / math.sqrt(12.0) * math.sqrt(samples) * part.dt
+    # Where not even the heaviest rotor that is expected would move by a count, a position that stands
+    # still says nothing: counts are no white noise then.
+    amplitude = math.sqrt(2.0) * float(level_torque.std())
+    inertia_torque = heaviest * (2.0 * math.pi * lines) ** 2  # for a position of one
+    is_seen = amplitude / inertia_torque > count
+    size = np.abs(torque)
+    is_strong = (size > _STRONG * size.max()) & is_seen
+    if is_strong.sum() < _FEWEST:
+        return None
+    ratio = position[is_strong] / torque[is_strong]
+    return _Response(joint, lines[is_strong], ratio, noise / size[is_strong], part.q.mean(axis=0))
 
 
 def _level(values: Array) -> Array:
     """Return a signal without the line between its ends, so that it begins and ends at zero."""
     edge = max(1, len(values) // 50)
     first, last = values[:edge].mean(), values[-edge:].mean()
-    return np.asarray(values - first - (last - first) * np.linspace(0.0, 1.0, len(values)))
+    from_begin = np.linspace(0.0, 1.0, len(values))
+    return np.asarray(values - first - (last - first) * from_begin)
+
+
+def _fit_both(robot: Robot, response: _Response, dt: float) -> _BothSides:
+    """Return the two-mass models of a joint that explain a response best."""
+    return _BothSides(_fit(robot, response, dt, "motor"), _fit(robot, response, dt, "link"))
+
+
+class _Expected(NamedTuple):
+    """What is expected of one joint.
+
+    Attributes:
+        links: inertia behind the gear [kg m^2 or kg].
+        rotor: inertia before it [kg m^2 or kg].
+        stiffness: of the gear [N m/rad or N/m].
+    """
+
+    links: float
+    rotor: float
+    stiffness: float
 
 
 def _fit(robot: Robot, response: _Response, dt: float, side: str) -> _Fitted:
     """Return the two-mass model of a joint that explains a response best, for encoders at one side."""
-    j = response.joint
-    rotor = float(robot.armature[j])
-    links = float(robot.mass_matrix(response.q)[j, j]) - rotor
-    stiffness = float(robot.drives.value("stiffness")[j])
-    best: tuple[float, Array] | None = None
+    joint = response.joint
+    rotor = float(robot.armature[joint])
+    links = float(robot.mass_matrix(response.q)[joint, joint]) - rotor
+    expected = _Expected(links, rotor, float(robot.drives.value("stiffness")[joint]))
+    usual_sigma = np.hypot(_MODEL * np.abs(response.ratio), response.noise)
 
     def residuals(x: Array) -> Array:
-        model = _model(x, response.lines, dt, (links, rotor, stiffness), side)
+        model = _model(x, response.lines, dt, expected, side)
         sigma = np.hypot(_MODEL * np.abs(model), response.noise)
-        rest = (response.ratio - model) / sigma / math.sqrt(_ALIKE)
+        misfit = (response.ratio - model) / sigma / math.sqrt(_ALIKE)
         # The width of the noise belongs to the likelihood: ln sigma beside what a perfect ratio would have.
-        width = np.log(sigma / np.hypot(_MODEL * np.abs(response.ratio), response.noise)) * 2.0 / _ALIKE
-        return np.concatenate([rest.real, rest.imag, np.sqrt(np.maximum(2.0 * width + 20.0, 0.0)), x])
+        width = np.log(sigma / usual_sigma) * 2.0 / _ALIKE
+        root_of_width = np.sqrt(np.maximum(2.0 * width + 20.0, 0.0))
+        return np.concatenate([misfit.real, misfit.imag, root_of_width, x])
 
+    best: Any = None
     for factor in _STARTS:
-        x = np.zeros(6)
+        x = np.zeros(_UNKNOWNS)
         x[2] = math.log(factor) / _STIFFNESS
-        found = optimize.least_squares(residuals, x, loss="soft_l1", f_scale=3.0, max_nfev=60)
-        if best is None or found.cost < best[0]:
-            best = float(found.cost), np.asarray(found.x)
-            jacobian = found.jac
-    assert best is not None
-    covariance = np.linalg.inv(jacobian.T @ jacobian + 1e-9 * np.eye(6))
+        fitted = optimize.least_squares(residuals, x, loss="soft_l1", f_scale=3.0, max_nfev=60)
+        if best is None or fitted.cost < best.cost:
+            best = fitted
+    information = best.jac.T @ best.jac
+    covariance = np.linalg.inv(information + 1e-9 * np.eye(_UNKNOWNS))
     std = _ROTOR * math.sqrt(float(covariance[1, 1]))
-    return _Fitted(best[0], best[1], math.hypot(std, _UNSEEN))
+    return _Fitted(float(best.cost), np.asarray(best.x), math.hypot(std, _UNSEEN))
 
 
-def _model(x: Array, lines: Array, dt: float, known: Sequence[float], side: str) -> Array:
+def _model(x: Array, lines: Array, dt: float, expected: _Expected, side: str) -> Array:
     """Return position over torque of a two-mass model at frequencies [Hz]."""
-    links, rotor, stiffness = known
-    M = links * math.exp(_LINKS * x[0])
-    J = rotor * math.exp(_ROTOR * x[1])
-    K = stiffness * math.exp(_STIFFNESS * x[2])
-    B = 2.0 * _RATIO * math.exp(_DAMPING * x[3]) * math.sqrt(K * M * J / (M + J))
-    f = 2.0 * _RUB * math.exp(_FRICTION * x[4]) * math.sqrt(K * J)
+    M = expected.links * math.exp(_LINKS * x[0])
+    J = expected.rotor * math.exp(_ROTOR * x[1])
+    K = expected.stiffness * math.exp(_STIFFNESS * x[2])
+    damping_ratio = _RATIO * math.exp(_DAMPING * x[3])
+    B = 2.0 * damping_ratio * math.sqrt(K * M * J / (M + J))
+    friction_ratio = _RUB * math.exp(_FRICTION * x[4])
+    f = 2.0 * friction_ratio * math.sqrt(K * J)
     s = 2j * math.pi * lines
     gear = K + B * s
-    link, motor = M * s**2 + gear, J * s**2 + f * s + gear
-    late = np.exp(-s * (_LATE * x[5] + 1.5 * dt))
-    return np.asarray((link if side == "motor" else gear) / (motor * link - gear**2) * late)
+    link = M * s**2 + gear
+    motor = J * s**2 + f * s + gear
+    late = np.exp(-s * (_LATE * x[5] + _HELD * dt))
+    position = link if side == "motor" else gear
+    return np.asarray(position / (motor * link - gear**2) * late)
 
 
 def identify_side(
@@ -468,9 +556,9 @@ def identify_side(
     """
     check_type(robot, "robot", Robot, "a Robot")
     constants = None if current is None else quantity(current, "current", robot.joint_names)
-    there = with_torques(read_log(log, robot, columns=columns), constants)
-    kind = there.torque if torque is None else torque
-    return find_side(robot, there._replace(torque=kind))
+    of_torques = with_torques(read_log(log, robot, columns=columns), constants)
+    kind = of_torques.torque if torque is None else torque
+    return find_side(robot, of_torques._replace(torque=kind))
 
 
 def judge_side(found: Side, joint_names: Sequence[str], accepted: bool = False) -> Verdict:
@@ -483,8 +571,8 @@ def judge_side(found: Side, joint_names: Sequence[str], accepted: bool = False) 
     """
     left_out = [
         f"{name}: no chirp in the log"
-        for name, each in zip(joint_names, found.evidence, strict=True)
-        if math.isnan(each)
+        for name, evidence in zip(joint_names, found.evidence, strict=True)
+        if math.isnan(evidence)
     ]
     if not found.side:
         why = (
@@ -505,8 +593,10 @@ def describe(found: Side, robot: Robot) -> str:
     for j, name in enumerate(robot.joint_names):
         if math.isnan(found.evidence[j]):
             continue
-        told = float(found.evidence[j])
-        side = "motor" if told > _DECIDED else "link" if told < -_DECIDED else "undecided"
+        evidence = float(found.evidence[j])
+        side = "undecided"
+        if abs(evidence) > _DECIDED:
+            side = "motor" if evidence > 0.0 else "link"
         rotor = "not determined by the data"
         if found.identified[j]:
             rotor = f"{found.rotor[j]:.3g} [{found.low[j]:.3g}, {found.high[j]:.3g}]"
@@ -515,16 +605,17 @@ def describe(found: Side, robot: Robot) -> str:
         if not found.counts[j] > 0.0:
             step = "its position never changed"
         lines.append(
-            f"{name}: {side} (log-likelihood ratio {told:.3g}; beyond ±{_DECIDED:g} decides), rotor inertia "
-            f"{rotor}, {step}"
+            f"{name}: {side} (log-likelihood ratio {evidence:.3g}; beyond ±{_DECIDED:g} decides), "
+            f"rotor inertia {rotor}, {step}"
         )
-    known = robot.drives.value("encoder_side").tolist()
-    for name, side in zip(robot.joint_names, known, strict=True):
+    sides = robot.drives.value("encoder_side").tolist()
+    for name, side in zip(robot.joint_names, sides, strict=True):
         if side and found.side and side != found.side:
             lines.append(f"{name}: its drives say {side}, and the log {found.side}: one of them is wrong")
             break
-    for label, drives in (("before", robot.drives), ("with this log", found.add_to(robot.drives))):
-        lines.append(f"automatic controller {label}: {_margins(robot.with_drives(drives))}")
+    lines.append(f"automatic controller before: {_margins(robot)}")
+    improved = robot.with_drives(found.add_to(robot.drives))
+    lines.append(f"automatic controller with this log: {_margins(improved)}")
     return "\n".join(lines) + "\n"
 
 
@@ -533,20 +624,19 @@ def _margins(robot: Robot) -> str:
     arm = assume_gears(robot)
     try:
         controller = GPI.auto(arm, _SAMPLE_TIME, delay=_SAMPLE_TIME, bits=BITS)
-        said = verdict(controller, arm, BITS).describe()
+        margins = verdict(controller, arm, BITS).describe()
     except ArmgpiError as error:
         return str(error)
-    return f"bandwidth {describe_bandwidths(controller)}, {said}"
+    return f"bandwidth {describe_bandwidths(controller)}, {margins}"
 
 
 def plain(found: Side, joint_names: Sequence[str]) -> dict[str, Any]:
     """Return what chirps say as plain data."""
-    rows = zip(joint_names, found.evidence, found.rotor, found.low, found.high, found.identified, strict=True)
-    joints = {
-        name: {
-            "evidence": None if math.isnan(evidence) else float(evidence),
-            "rotor_inertia": [float(low), float(rotor), float(high)] if own else None,
-        }
-        for name, evidence, rotor, low, high, own in rows
-    }
+    joints: dict[str, Any] = {}
+    for place, name in enumerate(joint_names):
+        evidence = float(found.evidence[place])
+        rotor = None
+        if found.identified[place]:
+            rotor = [float(ends[place]) for ends in (found.low, found.rotor, found.high)]
+        joints[name] = {"evidence": None if math.isnan(evidence) else evidence, "rotor_inertia": rotor}
     return {"side": found.side, "joints": joints}

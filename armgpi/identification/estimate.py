@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,20 +23,29 @@ from armgpi.robot.rotors import told_none, typical_inertia, with_published
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
 #: and offset: shares of the gravity torque. Supposed masses are within four times either way.
 _SUPPOSED = 3.0
-_MASS, _CARRIED, _ROTOR, _FRICTION, _OFFSET = 0.5, 0.1, 3.0, 0.3, 0.05
+_MASS = 0.5
+_CARRIED = 0.1
+_ROTOR = 3.0
+_FRICTION = 0.3
+_OFFSET = 0.05
 #: Least gravity torque that friction is taken to be in shares of, over that of the largest joint.
 _RUBS = 0.3
-#: Least radius of gyration [m], and reach of what the last link may carry [m].
-_RADIUS, _REACH = 0.03, 0.1
+#: Least radius of gyration [m].
+_RADIUS = 0.03
+#: Reach of what the last link may carry [m].
+_REACH = 0.1
 #: Least mass of a link that is expected, as a share of the arm's.
 _LEAST_MASS = 0.01
 #: Standard deviation of the lag [s].
 _LAG = 0.02
 #: Torque [N m or N] and residual, as a share of a joint's torque, that count as zero: less is rounding,
 #: and weights by it would hide the prior behind a rounding of their own.
-_LEAST_TORQUE, _EXACT = 1e-9, 1e-5
-#: Reweightings of the joints, and torque over residual that the first one begins with.
-_REWEIGHTINGS, _TRUST = 4, 1e3
+_LEAST_TORQUE = 1e-9
+_EXACT = 1e-5
+#: Reweightings of the joints.
+_REWEIGHTINGS = 4
+#: Torque over residual that the first one begins with.
+_TRUST = 1e3
 #: Test functions over which moments are correlated besides what overlaps: misfit lasts longer than noise.
 _CORRELATED = 6
 #: Factor on that covariance for misfit that is not in the residuals: chosen so that 95 % intervals hold for
@@ -47,10 +56,14 @@ _UNSEEN = 2.0
 _ALIKE = 10.0
 #: Share of the overlapping moments that are independent, for the degrees of freedom.
 _INDEPENDENT = 0.5
-#: Least eigenvalue of a pseudo-inertia in the solver's scale, and least rotor as a share of the expected one.
-_MARGIN, _LEAST_ROTOR = 1e-5, 1e-3
+#: Least eigenvalue of a pseudo-inertia in the solver's scale.
+_MARGIN = 1e-5
+#: Least rotor as a share of the expected one.
+_LEAST_ROTOR = 1e-3
 #: Friction below this, in standard deviations of what is expected, is none.
 _NO_FRICTION = 1e-9
+#: Rows and columns of the second moments of a body, in the order of :data:`BODY`.
+_MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 #: What the solver says of a point that it found, the second to less accuracy.
 _SOLVED = ("Solved", "AlmostSolved")
 
@@ -116,23 +129,16 @@ def expect(robot: Robot) -> Prior:
     Rotors and friction are those published for the arm, where the URDF contains none.
     """
     robot = with_published(robot)
-    model, n, size = robot.pinocchio_model(), robot.n, scales(robot)
+    n, size = robot.n, scales(robot)
     mean, std = np.zeros((2, n, len(COLUMNS)))
-    wide = _SUPPOSED if is_supposed(robot) else _MASS
-    last = int(model.frames[model.getFrameId(robot.tip, pin.FrameType.BODY)].parentJoint)
-    for i in range(n):
-        body = model.inertias[i + 1]
-        mean[i, : len(BODY)] = body.toDynamicParameters()
-        second = float(np.trace(body.toPseudoInertia().toMatrix()[:3, :3])) / max(body.mass, 1e-9)
-        carried = _CARRIED * size.mass if i + 1 == last else 0.0
-        mass = wide * max(body.mass, _LEAST_MASS * size.mass) + carried
-        radius = math.sqrt(max(second, _RADIUS**2)) + (_REACH if carried else 0.0)
-        std[i, : len(BODY)] = [mass, *[mass * radius] * 3, *[mass * radius**2] * 6]
+    for i, expected in enumerate(_expected_bodies(robot, size.mass)):
+        mean[i, : len(BODY)], std[i, : len(BODY)] = expected
     mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, typical_inertia(robot))
     std[:, ROTOR] = _ROTOR * mean[:, ROTOR]
     mean[:, VISCOUS], mean[:, COULOMB] = robot.friction
     # Gears rub at joints that carry no weight, too.
-    friction = _FRICTION * np.maximum(size.gravity, _RUBS * size.gravity.max())
+    carried_torque = np.maximum(size.gravity, _RUBS * size.gravity.max())
+    friction = _FRICTION * carried_torque
     std[:, VISCOUS] = std[:, COULOMB] = friction
     std[:, VISCOUS] += mean[:, VISCOUS]
     std[:, COULOMB] += mean[:, COULOMB]
@@ -143,12 +149,35 @@ def expect(robot: Robot) -> Prior:
     return Prior(mean.ravel(), std.ravel(), tuple(places), tuple(positive))
 
 
+def _expected_bodies(robot: Robot, arm_mass: float) -> Iterator[tuple[Array, Array]]:
+    """Give the ten parameters of each body and their standard deviations, each (10,).
+
+    Args:
+        robot: the arm.
+        arm_mass: its mass [kg].
+    """
+    model = robot.pinocchio_model()
+    width = _SUPPOSED if is_supposed(robot) else _MASS
+    tip = model.frames[model.getFrameId(robot.tip, pin.FrameType.BODY)]
+    for joint in range(1, robot.n + 1):
+        body = model.inertias[joint]
+        is_last = joint == int(tip.parentJoint)
+        carried = _CARRIED * arm_mass if is_last else 0.0
+        mass = width * max(body.mass, _LEAST_MASS * arm_mass) + carried
+        second_moments = body.toPseudoInertia().toMatrix()[:3, :3]
+        square = float(np.trace(second_moments)) / max(body.mass, 1e-9)
+        radius = math.sqrt(max(square, _RADIUS**2)) + (_REACH if carried else 0.0)
+        std = np.repeat([mass, mass * radius, mass * radius**2], [1, 3, 6])
+        yield body.toDynamicParameters(), std
+
+
 def planned_rotors(robot: Robot) -> Array:
     """Return the rotor inertia that a motion is planned with [kg m^2 or kg], (n,).
 
     It is what is expected of the arm, and none where the user specified that there is none.
     """
-    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR].copy()
+    mean = expect(robot).mean.reshape(robot.n, len(COLUMNS))
+    rotors = mean[:, ROTOR].copy()
     rotors[np.isin(robot.joint_names, told_none(robot))] = 0.0
     return rotors
 
@@ -202,7 +231,8 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
         factor = _factor(information)
         free = linalg.cho_solve(factor, weights**2 @ data.rights)
         residuals = data.residuals(free)
-        weights = 1.0 / np.maximum(math.sqrt(_ALIKE) * _rms_of_joints(residuals, moments), least)
+        sizes = math.sqrt(_ALIKE) * _rms_of_joints(residuals, moments)
+        weights = 1.0 / np.maximum(sizes, least)
     inverse = linalg.cho_solve(factor, np.eye(unknowns))
     learned = 1.0 - np.diag(inverse)
     phases = [block.phase for block in blocks]
@@ -211,7 +241,9 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     free_moments = max(independent - float(learned.sum()), 0.1 * independent)
     spread = _UNSEEN * scores * independent / free_moments
     covariance = inverse @ (spread + np.eye(unknowns)) @ inverse
-    shown = [np.where(block.valid, left, np.nan) for block, left in zip(blocks, residuals, strict=True)]
+    shown = []
+    for block, residual in zip(blocks, residuals, strict=True):
+        shown.append(np.where(block.valid, residual, np.nan))
     nearest = free
     if physical:
         # The information is U' U, so that the columns of the inverse of U are alike in its metric.
@@ -243,10 +275,11 @@ class _Scaled(NamedTuple):
         for block in blocks:
             rows.append(np.where(block.valid[..., None], block.rows * prior.std, 0.0))
             torques.append(np.where(block.valid, block.torque - block.rows @ prior.mean, 0.0))
-        grams: Any = sum(np.einsum("kip,kiq->ipq", each, each, optimize=True) for each in rows)
-        rights: Any = sum(
-            np.einsum("kip,ki->ip", each, torque) for each, torque in zip(rows, torques, strict=True)
-        )
+        grams: Any = 0.0
+        rights: Any = 0.0
+        for of_log, torque in zip(rows, torques, strict=True):
+            grams = grams + np.einsum("kip,kiq->ipq", of_log, of_log, optimize=True)
+            rights = rights + np.einsum("kip,ki->ip", of_log, torque)
         return cls(rows, torques, grams, rights)
 
     def residuals(self, unknowns: Array) -> list[Array]:
@@ -266,7 +299,8 @@ class _Scaled(NamedTuple):
 
 def _rms_of_joints(values: Sequence[Array], moments: Array) -> Array:
     """Return the root mean square of each joint over logs, (n,), where so many moments are used."""
-    return np.asarray(np.sqrt(sum((each**2).sum(axis=0) for each in values) / moments))
+    squares = sum((of_log**2).sum(axis=0) for of_log in values)
+    return np.asarray(np.sqrt(squares / moments))
 
 
 def _factor(information: Array) -> Any:
@@ -290,7 +324,8 @@ def _score_covariance(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
     reach = min(_CORRELATED, max(period // 2 - 1, 0))
     total = summed.T @ summed
     for shift in range(1, reach + 1):
-        crossed = summed[shift:].T @ summed[:-shift] * (1.0 - shift / (reach + 1.0))
+        weight = 1.0 - shift / (reach + 1.0)
+        crossed = summed[shift:].T @ summed[:-shift] * weight
         total += crossed + crossed.T
     return np.asarray(total)
 
@@ -338,38 +373,49 @@ def project(free: Array, root: Array, prior: Prior, bounds: tuple[Array, Array] 
     # The solver stops short of a bound by its accuracy: friction of that size is none.
     friction = [i for i in prior.positive if i % len(COLUMNS) != ROTOR]
     none = -prior.mean[friction] / prior.std[friction]
-    nearest[friction] = np.where(nearest[friction] - none < _NO_FRICTION, none, nearest[friction])
+    is_none = nearest[friction] - none < _NO_FRICTION
+    nearest[friction] = np.where(is_none, none, nearest[friction])
     return np.asarray(nearest)
 
 
 def _constraints(clarabel: Any, prior: Prior) -> tuple[Array, Array, list[Any]]:
     """Return A, b and the cones K of b - A x in K, for x in units of the prior."""
-    unknowns, std, mean = len(prior.mean), prior.std, prior.mean
+    mean = prior.mean
     positive = np.array(prior.positive, dtype=np.intp)
-    own_rows = np.zeros((len(positive), unknowns))
-    own_rows[np.arange(len(positive)), positive] = -std[positive]
+    own_rows = np.zeros((len(positive), len(mean)))
+    own_rows[np.arange(len(positive)), positive] = -prior.std[positive]
     is_rotor = positive % len(COLUMNS) == ROTOR
     least = np.where(is_rotor, _LEAST_ROTOR * mean[positive], 0.0)
     rows, right = [own_rows], [mean[positive] - least]
     cones = [clarabel.NonnegativeConeT(len(positive))]
-    basis = _pseudo_basis()
-    triangle = [(row, column) for column in range(4) for row in range(column + 1)]
     for place in prior.body_places:
-        body = slice(place, place + len(BODY))
-        mass = std[place]
-        length = math.sqrt(std[place + 4] / mass)
-        scaling = np.diag([1.0 / length] * 3 + [1.0]) / math.sqrt(mass)
-        scaled = scaling @ basis @ scaling
-        block, constant = np.zeros((len(triangle), unknowns)), np.zeros(len(triangle))
-        for k, (row, column) in enumerate(triangle):
-            is_diagonal = row == column
-            entries = scaled[:, row, column] * (1.0 if is_diagonal else math.sqrt(2.0))
-            block[k, body] = -entries * std[body]
-            constant[k] = entries @ mean[body] - (_MARGIN if is_diagonal else 0.0)
+        block, constant = _pseudo_constraints(prior, place)
         rows.append(block)
         right.append(constant)
         cones.append(clarabel.PSDTriangleConeT(4))
     return np.vstack(rows), np.concatenate(right), cones
+
+
+def _pseudo_constraints(prior: Prior, place: int) -> tuple[Array, Array]:
+    """Return A (10, p) and b (10,) of a body whose ten parameters begin at a place.
+
+    The pseudo-inertia is scaled by what is expected of the body, and its upper triangle is column by column.
+    """
+    body = slice(place, place + len(BODY))
+    mean, std = prior.mean[body], prior.std[body]
+    mass = std[0]
+    length = math.sqrt(std[4] / mass)
+    scaling = np.diag([1.0 / length] * 3 + [1.0]) / math.sqrt(mass)
+    scaled = scaling @ _pseudo_basis() @ scaling
+    triangle = [(row, column) for column in range(4) for row in range(column + 1)]
+    rows = np.zeros((len(triangle), len(prior.mean)))
+    constants = np.zeros(len(triangle))
+    for k, (row, column) in enumerate(triangle):
+        is_diagonal = row == column
+        entries = scaled[:, row, column] * (1.0 if is_diagonal else math.sqrt(2.0))
+        rows[k, body] = -entries * std
+        constants[k] = entries @ mean - (_MARGIN if is_diagonal else 0.0)
+    return rows, constants
 
 
 def _bound_rows(lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -385,11 +431,13 @@ def _pseudo_basis() -> Array:
     basis = np.zeros((len(BODY), 4, 4))
     basis[0, 3, 3] = 1.0
     for k in range(3):
-        basis[1 + k, 3, k] = basis[1 + k, k, 3] = 1.0
-    for k, (i, j) in enumerate([(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]):
+        basis[1 + k, 3, k] = 1.0
+        basis[1 + k, k, 3] = 1.0
+    for place, (i, j) in enumerate(_MOMENTS, start=4):
         if i == j:
-            basis[4 + k, :3, :3] += 0.5 * np.eye(3)
-            basis[4 + k, i, i] -= 1.0
+            basis[place, :3, :3] += 0.5 * np.eye(3)
+            basis[place, i, i] -= 1.0
         else:
-            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
+            basis[place, i, j] = -1.0
+            basis[place, j, i] = -1.0
     return basis

@@ -17,30 +17,44 @@ from armgpi.references.recorded import Recorded
 from armgpi.robot.clearance import Clearance, Hit, usual_floor
 from armgpi.robot.robot import Robot
 
-#: Lowest frequency [Hz] and number of its harmonics: the motion repeats every ten seconds. Speed is what
-#: counts, not which series it is.
-BASE, HARMONICS = 0.1, 5
+#: Lowest frequency [Hz]: the motion repeats every ten seconds.
+BASE = 0.1
+#: Number of its harmonics. Speed is what counts, not which series it is.
+HARMONICS = 5
 #: Time in which the motion begins and ends [s].
 _RAMP = 1.0
-#: Range that stands for that of a joint without one, to either side [rad or m]; and the share that is used.
-_WIDEST, _RANGE = 3.0, 0.9
-#: Speed that stands for a limit where there is none, and the largest that is asked for [rad/s or m/s].
-_SPEED, _FASTEST, _LEAST_SPEED = 2.0, 3.5, 1e-6
+#: Range that replaces that of a joint without one, to either side [rad or m].
+_WIDEST = 3.0
+#: Share of the range that is used.
+_RANGE = 0.9
+#: Speed that replaces a limit where there is none, or one below the least [rad/s or m/s].
+_SPEED = 2.0
+_LEAST_SPEED = 1e-6
+#: Largest speed that is asked for [rad/s or m/s].
+_FASTEST = 3.5
 #: The rotor inertia may be so many times the expected one, either way.
 _ROTORS = 4.0
-#: Series of each size that are drawn; rounds in which one is made slower, and by how much each.
-_TRIES, _ROUNDS, _SLOWER = 40, 24, 0.85
+#: Series of each size that are drawn.
+_TRIES = 40
+#: Rounds in which one is made slower, and by how much each.
+_ROUNDS = 24
+_SLOWER = 0.85
 #: Parts of the range, either way of its middle, in which a motion's centre is looked for: the second one
 #: where the first has none.
-_NEAR, _FAR = 0.25, 0.42
-#: Sizes of series that are tried in turn until one collides with nothing; and configurations that are drawn
-#: to find one in which the arm is free.
-_SIZES, _CENTRES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2), 1000
-#: Sampling of the trajectory [s], and configurations at which limits are checked a second.
-_SAMPLE, _LOOKS = 0.01, 50
-#: Share of the efforts that a first motion may take, and of the speeds; and shares of the efforts that are
-#: taken in turn where an arm cannot hold itself with less.
-FIRST_SHARE, _HOLDING = 0.25, (0.5, 0.7, 1.0)
+_NEAR = 0.25
+_FAR = 0.42
+#: Sizes of series that are tried in turn until one collides with nothing.
+_SIZES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
+#: Configurations that are drawn to find one in which the arm is free.
+_CENTRES = 1000
+#: Sampling of the trajectory [s].
+_SAMPLE = 0.01
+#: Configurations at which limits are checked a second.
+_LOOKS = 50
+#: Share of the efforts that a first motion may take, and of the speeds.
+FIRST_SHARE = 0.25
+#: Shares of the efforts that are taken in turn where an arm cannot hold itself with less.
+_HOLDING = (0.5, 0.7, 1.0)
 
 
 class Excitation(NamedTuple):
@@ -103,7 +117,7 @@ def excite(
     share = check_number(share, "share", "in (0, 1]", 0.0, 1.0, open_=True)
     rng = np.random.default_rng(check_whole(seed, "seed", 0))
     clear = clearance or surroundings(robot, floor, box, margin, collisions, package_dirs)
-    efforts = [share, *(each for each in _HOLDING if each > share)]
+    efforts = [share, *(larger for larger in _HOLDING if larger > share)]
     times = np.arange(0.0, seconds + 0.5 * _SAMPLE, _SAMPLE)
     hit: Hit | None = None
     failed: ParameterError | None = None
@@ -111,7 +125,8 @@ def excite(
         if size < 1.0 and hit is None:  # no motion of any size is held
             continue
         for _ in range(_TRIES):
-            series = rng.normal(size=(2, HARMONICS, robot.n)) / math.sqrt(HARMONICS) * _amplitude(robot)
+            normal = rng.normal(size=(2, HARMONICS, robot.n))
+            series = normal / math.sqrt(HARMONICS) * _amplitude(robot)
             centre = free_configuration(robot, rng, clear)
             try:
                 scale = size * _scale(robot, series, centre, seconds, share, effort_share)
@@ -162,8 +177,9 @@ def free_configuration(robot: Robot, rng: np.random.Generator, clear: Clearance)
     """
     lower, upper, _ = ranges(robot)
     for k in range(_CENTRES):
-        part = _NEAR if k < _CENTRES // 2 else _FAR
-        centre = np.asarray(0.5 * (lower + upper) + part * (upper - lower) * rng.uniform(-1.0, 1.0, robot.n))
+        reach = _NEAR if k < _CENTRES // 2 else _FAR
+        away = reach * (upper - lower) * rng.uniform(-1.0, 1.0, robot.n)
+        centre = np.asarray(0.5 * (lower + upper) + away)
         if (hit := clear.first_hit(centre)) is None:
             return centre
     raise blocked(hit, clear)
@@ -177,40 +193,49 @@ def blocked(hit: Hit | None, clear: Clearance) -> ParameterError:
         f"a motion in which nothing comes closer than {clear.margin:.3g} m; the last one of those that were "
         f"tried brought {names} closer: try another seed, a smaller share or a smaller margin"
     )
-    given = {"floor": clear.floor, "box": None if clear.box is None else clear.box.tolist()}
-    if hit.second in given:
-        return ParameterError(hit.second, given[hit.second], wanted)
+    box = None if clear.box is None else clear.box.tolist()
+    around = {"floor": clear.floor, "box": box}
+    if hit.second in around:
+        return ParameterError(hit.second, around[hit.second], wanted)
     return ParameterError("robot", f"{hit.first}, {hit.second}", wanted)
 
 
 def _amplitude(robot: Robot) -> Array:
     """Return the amplitude at which a series has the speeds that stand for the limits, (n,)."""
-    return np.asarray(ranges(robot)[2] / (2.0 * math.pi * BASE * 0.5 * HARMONICS))
+    _, _, speed = ranges(robot)
+    return np.asarray(speed / (2.0 * math.pi * BASE * 0.5 * HARMONICS))
 
 
 def _excitation(robot: Robot, times: Array, q: Array, seed: int, clear: Clearance) -> Excitation:
     """Return a motion with the shares of the limits that it takes."""
     reference = Recorded(times, q, source=f"excitation of {robot.name}, seed {seed}")
     target = reference.at(times)
-    effort = _torque(robot, target.q, target.v, target.a, 1.0) / robot.limits.effort
-    return Excitation(reference, np.abs(target.v).max(axis=0) / ranges(robot)[2], effort, clear)
+    torque = _torque(robot, target.q, target.v, target.a, 1.0)
+    _, _, speed = ranges(robot)
+    speed_share = np.abs(target.v).max(axis=0) / speed
+    return Excitation(reference, speed_share, torque / robot.limits.effort, clear)
 
 
 def ranges(robot: Robot) -> tuple[Array, Array, Array]:
     """Return positions between which the motion is, and the speed that stands for the limit, each (n,)."""
     lower, upper, speed, _ = robot.limits
     middle = robot.middle()
-    lower, upper = np.maximum(lower, middle - _WIDEST), np.minimum(upper, middle + _WIDEST)
-    given = np.isfinite(speed) & (speed > _LEAST_SPEED)
-    return lower, upper, np.minimum(np.where(given, speed, _SPEED), _FASTEST)
+    lower = np.maximum(lower, middle - _WIDEST)
+    upper = np.minimum(upper, middle + _WIDEST)
+    is_limit = np.isfinite(speed) & (speed > _LEAST_SPEED)
+    speed = np.where(is_limit, speed, _SPEED)
+    return lower, upper, np.minimum(speed, _FASTEST)
 
 
 def _series(series: Array, t: Array, seconds: float) -> Array:
     """Return the sum of harmonics at times (k,), which begins and ends at rest; shape (k, n)."""
-    angle = 2.0 * math.pi * BASE * t[:, None] * np.arange(1, HARMONICS + 1)
+    harmonics = np.arange(1, HARMONICS + 1)
+    angle = 2.0 * math.pi * BASE * t[:, None] * harmonics
     whole = np.sin(angle) @ series[0] + np.cos(angle) @ series[1]
-    ramp = np.clip(np.minimum(t, seconds - t) / _RAMP, 0.0, 1.0)
-    return np.asarray(whole * (ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2))[:, None])
+    to_end = np.minimum(t, seconds - t)
+    ramp = np.clip(to_end / _RAMP, 0.0, 1.0)
+    window = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    return np.asarray(whole * window[:, None])
 
 
 def _scale(
@@ -222,12 +247,15 @@ def _scale(
         ParameterError: when a joint does not hold the arm.
     """
     lower, upper, speed = ranges(robot)
-    t = np.linspace(0.0, seconds, max(int(_LOOKS * min(seconds, 2.0 / BASE)), 200))
+    looks = int(_LOOKS * min(seconds, 2.0 / BASE))
+    t = np.linspace(0.0, seconds, max(looks, 200))
     q = _series(series, t, seconds)
     v = np.gradient(q, t, axis=0)
     room = _RANGE * np.minimum(upper - centre, centre - lower)
-    scale = np.minimum(1.0, room / np.maximum(np.abs(q).max(axis=0), 1e-12))
-    scale = np.minimum(scale, share * speed / np.maximum(np.abs(v).max(axis=0), 1e-12))
+    farthest = np.maximum(np.abs(q).max(axis=0), 1e-12)
+    fastest = np.maximum(np.abs(v).max(axis=0), 1e-12)
+    scale = np.minimum(1.0, room / farthest)
+    scale = np.minimum(scale, share * speed / fastest)
     a = np.gradient(v, t, axis=0)
     for turn in range(_ROUNDS):
         torque = _torque(robot, centre + scale * q, scale * v, scale * a, effort_share)
@@ -235,8 +263,10 @@ def _scale(
         if not beyond.any():
             return np.asarray(scale)
         # The joints that ask for too much first: it is mostly their own rotors.
-        scale = np.where(beyond | (turn > _ROUNDS // 2), _SLOWER, 1.0) * scale
-    worst = int(np.argmax(torque / np.maximum(robot.limits.effort, 1e-300)))
+        is_slowed = beyond | (turn > _ROUNDS // 2)
+        scale = np.where(is_slowed, _SLOWER, 1.0) * scale
+    over_limit = torque / np.maximum(robot.limits.effort, 1e-300)
+    worst = int(np.argmax(over_limit))
     limit = f"above its limit of {robot.limits.effort[worst]:g} in the file"
     wanted = f"an arm whose {robot.joint_names[worst]} has the torque to hold it, {limit}"
     raise ParameterError("robot", robot.name, wanted)
@@ -250,6 +280,8 @@ def _torque(robot: Robot, q: Array, v: Array, a: Array, share: float) -> Array:
     """
     rotor = planned_rotors(robot)
     body = robot.inverse_dynamics(q, v, a) - robot.armature * a
-    factors = {1.0 / _ROTORS: 1.0, 1.0: share, _ROTORS: 1.0}
-    torques = [np.abs(body + factor * rotor * a) / part for factor, part in factors.items()]
+    torques = []
+    for factor, allowed in ((1.0 / _ROTORS, 1.0), (1.0, share), (_ROTORS, 1.0)):
+        torque = body + factor * rotor * a
+        torques.append(np.abs(torque) / allowed)
     return np.asarray(np.max(torques, axis=(0, 1)))

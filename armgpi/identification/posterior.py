@@ -88,15 +88,24 @@ class Posterior(NamedTuple):
         # A number that is known exactly has no room for a solver to move it.
         positive = [place for place in positive if self._is_open[place]]
         prior = Prior(self.mean, self.scale, tuple(places), tuple(positive))
-        bounds = (self.lower - self.mean) / self.scale, (self.upper - self.mean) / self.scale
+        bounds = self._scaled_bounds
         draws = [estimate.project(point, self.root, prior, bounds) for point in self._points(normal)]
+        unknowns = self.mean + self.scale * np.array(draws)
         # The solver stops short of a bound by its accuracy.
-        return np.clip(self.mean + self.scale * np.array(draws), self.lower, self.upper)
+        return np.clip(unknowns, self.lower, self.upper)
+
+    @property
+    def _scaled_bounds(self) -> tuple[Array, Array]:
+        """Bounds around the mean in units of `scale`, each (p,)."""
+        lower = (self.lower - self.mean) / self.scale
+        upper = (self.upper - self.mean) / self.scale
+        return lower, upper
 
     @property
     def _is_open(self) -> npt.NDArray[np.bool_]:
         """Which unknowns are not known exactly, (p,)."""
-        return np.asarray(np.linalg.norm(self.root, axis=1) > _EXACT, dtype=np.bool_)
+        std = np.linalg.norm(self.root, axis=1)
+        return np.asarray(std > _EXACT, dtype=np.bool_)
 
     def _points(self, normal: Array) -> Array:
         """Return points of the distribution around its mean in units of `scale`, physical or not, (count, p).
@@ -111,9 +120,11 @@ class Posterior(NamedTuple):
         order = np.argsort(~bounded, kind="stable")
         count = int(bounded.sum())
         root = _triangle(self.root[order])
-        low, high = (((bound - self.mean) / self.scale)[order[:count]] for bound in (self.lower, self.upper))
+        lower, upper = self._scaled_bounds
+        low, high = lower[order[:count]], upper[order[:count]]
         drawn = normal[:, order].copy()
-        drawn[:, :count] = draw_truncated(root[:count, :count], low, high, drawn[:, :count])
+        own_root = root[:count, :count]
+        drawn[:, :count] = draw_truncated(own_root, low, high, drawn[:, :count])
         points = np.empty_like(drawn)
         points[:, order] = combine(drawn, root)
         return points
@@ -127,8 +138,10 @@ class Posterior(NamedTuple):
             seed: the same seed gives the same arms.
         """
         count, seed = check_whole(count, "count", 1), check_whole(seed, "seed", 0)
-        normal = np.random.default_rng(seed).normal(size=(count, len(self.mean)))
-        return RobotBatch([with_parameters(robot, theta) for theta in self.unknowns(normal)])
+        rng = np.random.default_rng(seed)
+        normal = rng.normal(size=(count, len(self.mean)))
+        arms = [with_parameters(robot, theta) for theta in self.unknowns(normal)]
+        return RobotBatch(arms)
 
     def plain(self) -> dict[str, Any]:
         """Return the distribution as plain data: float64, little-endian, Base64; of the root the triangle.
@@ -139,7 +152,8 @@ class Posterior(NamedTuple):
         numbers = {"mean": self.mean, "scale": self.scale, "root": triangle}
         plain: dict[str, Any] = {}
         for key, values in numbers.items():
-            plain[key] = base64.b64encode(values.astype("<f8").tobytes()).decode()
+            content = values.astype("<f8").tobytes()
+            plain[key] = base64.b64encode(content).decode()
         for key, bound in (("lower", self.lower), ("upper", self.upper)):
             plain[key] = [x if math.isfinite(x) else None for x in bound.tolist()]
         return plain
@@ -165,22 +179,21 @@ def read_posterior(path: Path, robot: Robot) -> Posterior:
     Raises:
         UrdfError: when it is damaged, or of an arm with other joints.
     """
-    said = read_data(path).get("posterior")
-    said = said if isinstance(said, dict) else {}
-    if said.get("joints") != list(robot.joint_names):
-        wanted = ", ".join(robot.joint_names)
-        raise UrdfError(path, f"posterior.joints: expected {wanted}; load the folder as it is")
+    data = read_data(path).get("posterior")
+    data = data if isinstance(data, dict) else {}
+    if data.get("joints") != list(robot.joint_names):
+        joints = ", ".join(robot.joint_names)
+        raise UrdfError(path, f"posterior.joints: expected {joints}; load the folder as it is")
     p = len(COLUMNS) * robot.n
-    mean, scale, triangle = (
-        _numbers(path, said, key, size)
-        for key, size in (("mean", p), ("scale", p), ("root", p * (p + 1) // 2))
-    )
+    mean = _numbers(path, data, "mean", p)
+    scale = _numbers(path, data, "scale", p)
+    triangle = _numbers(path, data, "root", p * (p + 1) // 2)
     if not (scale > 0.0).all():
         raise UrdfError(path, "posterior.scale: expected positive numbers; identify again")
     root = np.zeros((p, p))
     root[np.tril_indices(p)] = triangle
-    lower = _bounds(path, said, "lower", p, -math.inf)
-    upper = _bounds(path, said, "upper", p, math.inf)
+    lower = _bounds(path, data, "lower", p, -math.inf)
+    upper = _bounds(path, data, "upper", p, math.inf)
     if not (lower < upper).all():
         raise UrdfError(
             path, "posterior.lower: expected bounds below those of posterior.upper; identify again"
@@ -219,5 +232,6 @@ def with_parameters(robot: Robot, theta: Array) -> Robot:
 def parts(theta: Array) -> tuple[Array, Array, Friction]:
     """Return bodies (n, 10), rotors (n,) and friction of the unknowns (14 n,)."""
     table = theta.reshape(-1, len(COLUMNS))
-    rotors, viscous, coulomb = np.maximum(table[:, [ROTOR, VISCOUS, COULOMB]], 0.0).T
+    drives = table[:, [ROTOR, VISCOUS, COULOMB]]
+    rotors, viscous, coulomb = np.maximum(drives, 0.0).T
     return table[:, : len(BODY)], rotors, Friction(viscous, coulomb)

@@ -94,7 +94,8 @@ def check_samples(robot: Robot, log: Log, grid: Grid) -> Iterator[Finding]:
 def _describe_gaps(grid: Grid) -> str:
     """Return where samples are missing, and what becomes of these parts."""
     begins, ends = _runs(grid.bad)
-    lengths, longest = grid.dt * (ends - begins), int(np.argmax(ends - begins))
+    lengths = grid.dt * (ends - begins)
+    longest = int(np.argmax(ends - begins))
     gaps = "1 gap" if len(begins) == 1 else f"{len(begins)} gaps"
     return (
         f"samples are missing in {gaps}, {lengths.sum():.2g} s in all, the longest {lengths[longest]:.2g} s "
@@ -104,7 +105,8 @@ def _describe_gaps(grid: Grid) -> str:
 
 def _runs(flags: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return the first index of each run of true values, and the index after its last one."""
-    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
+    padded = np.concatenate([[0], flags.astype(int), [0]])
+    edges = np.diff(padded)
     return np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
 
 
@@ -115,7 +117,8 @@ def _check_position(robot: Robot, joint: int, name: str, log: Log) -> Iterator[F
         said = f"its position is {q[0]:.3g} throughout: is it the right column? Else move the joint, or lock "
         yield Finding("error", name, f"{said}it where it is no joint of the arm (--lock {name})")
         return
-    lower, upper = float(robot.limits.lower[joint]), float(robot.limits.upper[joint])
+    lower = float(robot.limits.lower[joint])
+    upper = float(robot.limits.upper[joint])
     beyond = float(max(np.max(lower - q), np.max(q - upper)))
     if beyond > _DEGREES:
         unit = "m, not mm" if robot.prismatic[joint] else "rad, not degrees or counts"
@@ -167,19 +170,24 @@ def _saturated_shares(t: Array, q: Array) -> dict[float, float]:
     Returns:
         Smallest and largest position -> share.
     """
-    changes = np.flatnonzero(np.diff(q))  # between this sample and the next one
-    count = float(np.median(np.abs(np.diff(q)[changes])))
-    middles, values = 0.5 * (t[changes] + t[changes + 1]), 0.5 * (q[changes] + q[changes + 1])
-    durations = t[np.append(changes[1:], len(t) - 1)] - t[changes + 1]
+    steps = np.diff(q)
+    changes = np.flatnonzero(steps)  # between this sample and the next one
+    count = float(np.median(np.abs(steps[changes])))
+    middles = 0.5 * (t[changes] + t[changes + 1])
+    values = 0.5 * (q[changes] + q[changes + 1])
+    ends = np.append(changes[1:], len(t) - 1)
+    durations = t[ends] - t[changes + 1]
     stayed = {float(q.min()): 0.0, float(q.max()): 0.0}
     for i in np.flatnonzero(durations >= _STAYS):
-        before, after = slice(i + 1 - _CHANGES, i + 1), slice(i + 1, i + 1 + _CHANGES)
         if i + 1 < _CHANGES or len(changes) < i + 1 + _CHANGES:
             continue
+        before = slice(i + 1 - _CHANGES, i + 1)
+        after = slice(i + 1, i + 1 + _CHANGES)
         came = _overshoot(middles[before], values[before], durations[i])
         leaves = _overshoot(-middles[after][::-1], values[after][::-1], durations[i])
-        shown = max(np.ptp(values[before]), np.ptp(values[after])) <= _WHOLE * np.ptp(q)
-        if not shown or min(came, leaves) <= _BEYOND * count:
+        moved = max(np.ptp(values[before]), np.ptp(values[after]))
+        is_shown = moved <= _WHOLE * np.ptp(q)
+        if not is_shown or min(came, leaves) <= _BEYOND * count:
             continue
         place = float(q[changes[i] + 1])
         if place not in stayed:
@@ -196,7 +204,8 @@ def _overshoot(t: Array, q: Array, duration: float) -> float:
         q: positions then [rad or m], (k,).
         duration: for which it stays [s].
     """
-    acceleration, speed, _ = np.polyfit(t - t[-1], q, 2) * np.array([2.0, 1.0, 1.0])
+    half_acceleration, speed, _ = np.polyfit(t - t[-1], q, 2)
+    acceleration = 2.0 * half_acceleration
     if speed * (q[-1] - q[0]) <= 0.0:  # at rest before already, which a parabola does not follow
         return 0.0
     # A parabola that is back after that time has its vertex in the middle.
@@ -230,8 +239,10 @@ def _check_torque_sensor(name: str, tau: Array, effort: float) -> Iterator[Findi
     for end in (float(tau.min()), float(tau.max())):
         share = float(np.mean(tau == end))
         # A coarse sensor stays at a peak as well, but not three times as long as close to it.
-        near = float(np.mean(np.abs(tau - end) <= _NEAR * np.ptp(tau))) - share
-        if share > max(_SATURATED, _LONGER * near) and abs(end) < effort / _ABOVE:
+        is_near = np.abs(tau - end) <= _NEAR * np.ptp(tau)
+        near = float(np.mean(is_near)) - share
+        is_long = share > max(_SATURATED, _LONGER * near)
+        if is_long and abs(end) < effort / _ABOVE:
             said = (
                 f"its torque stays at exactly {end:.3g} in {100.0 * share:.2g} % of the log, below its limit "
             )

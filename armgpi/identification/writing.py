@@ -85,17 +85,18 @@ def write_identified(
     }
     data = plain(found, edited.emptied, validation)
     if load is not None:
-        data["load"] = {key: np.asarray(x).tolist() for key, x in load._asdict().items()}
+        numbers = load._asdict()
+        data["load"] = {key: np.asarray(number).tolist() for key, number in numbers.items()}
     arm_data: dict[str, object] = {
         key: {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
         for key, (name, content) in arm.items()
     }
     # What else it takes to load the URDF again.
     provenance = found.robot.provenance
-    repairs = [each["name"] for each in provenance.get("repairs", ())]
+    repairs = dict.fromkeys(repair["name"] for repair in provenance.get("repairs", ()))
     if (meshes := _beside_meshes(found.robot)) is not None:
         arm_data["meshes"] = meshes
-    data["arm"] = arm_data | {"lock": provenance["locked"], "repair": [*dict.fromkeys(repairs)]}
+    data["arm"] = arm_data | {"lock": provenance["locked"], "repair": list(repairs)}
     contents: Mapping[str, str | bytes] = {
         **dict(arm.values()),
         NAME: json.dumps(data, indent=1, allow_nan=False) + "\n",
@@ -119,13 +120,13 @@ def edit_urdf(robot: Robot) -> Edited:
     model = robot.pinocchio_model()
     for joint, link, others in _bodies(robot):
         body = model.inertias[joint]
-        rest = body
+        of_link = body
         for placement, inertia in others.values():
-            rest = rest - placement.act(inertia)
-        if others and not _possible(rest):
-            rest = body
+            of_link = of_link - placement.act(inertia)
+        if others and not _possible(of_link):
+            of_link = body
             emptied += list(others)
-        bodies[link] = rest
+        bodies[link] = of_link
     return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
 
 
@@ -140,24 +141,25 @@ def _source(robot: Robot) -> bytes:
     if path.suffix.lower() != ".urdf" or not path.is_file():
         return _written(robot)
     content = files.read_bytes(path, markup.MAX_BYTES)
-    if hashlib.sha256(content.decode("utf-8-sig").encode()).hexdigest() != provenance["sha256"]:
+    without_mark = content.decode("utf-8-sig").encode()
+    if hashlib.sha256(without_mark).hexdigest() != provenance["sha256"]:
         raise UrdfError(path, "has changed since it was loaded: load it and identify again")
     return content
 
 
 def _written(robot: Robot) -> bytes:
     """Return the URDF of a robot that came from something else than a URDF file, with its limits."""
-    root, ends = _assembly(robot).element(), ("lower", "upper", "effort", "velocity")
-    of_joint = dict(
-        zip(robot.joint_names, zip(*(getattr(robot.limits, end) for end in ends), strict=True), strict=True)
-    )
+    root = _assembly(robot).element()
+    numbers = {name: number for number, name in enumerate(robot.joint_names)}
     for joint in root.iterfind("joint"):
-        limit, values = joint.find("limit"), of_joint.get(joint.get("name", ""))
-        if limit is None or values is None:
+        limit = joint.find("limit")
+        number = numbers.get(joint.get("name", ""))
+        if limit is None or number is None:
             continue
-        for end, value in zip(ends, values, strict=True):
+        for end in ("lower", "upper", "effort", "velocity"):
+            value = float(getattr(robot.limits, end)[number])
             if np.isfinite(value):
-                limit.set(end, repr(float(value)))
+                limit.set(end, repr(value))
     return bytes(tostring(root))
 
 
