@@ -4,6 +4,7 @@ For each log: the distance of the links but the last from the file's (`Identifie
 `armgpi identify` compares with `ANOTHER_ROBOT`.
 
     python tools/another_robot.py --seed 50
+    python tools/another_robot.py --seed 290 --arms baxter_left_arm tiago_arm talos_left_arm_7
     python tools/another_robot.py --public FOLDER  # with the clones that tools/public_logs.py and others name
 """
 
@@ -31,6 +32,8 @@ from armgpi.identification.logs import Log
 KINDS = (("ur3", "ur5", "ur10", "z1", "kinova"), ("panda", "xarm7"))
 #: Payloads up to the rated one [kg].
 PAYLOADS = {"ur3": 3.0, "ur5": 5.0, "ur10": 10.0, "z1": 2.0, "kinova": 2.0, "panda": 3.0, "xarm7": 3.5}
+#: That of an arm that is not listed [kg].
+PAYLOAD = 1.0
 #: Length of a log [s], and share of the limits that it takes.
 SECONDS, SHARE = 12.0, 0.5
 
@@ -51,11 +54,12 @@ def record(name: str, seed: int, payload: float) -> Log:
     return log
 
 
-def simulated(seed: int) -> Iterator[tuple[str, armgpi.Robot, Log, bool]]:
+def simulated(seed: int, kinds: tuple[tuple[str, ...], ...]) -> Iterator[tuple[str, armgpi.Robot, Log, bool]]:
     """Give logs of every arm with and without a payload, and as every other arm of its kind."""
-    for kind in KINDS:
+    for kind in kinds:
         for number, name in enumerate(kind):
-            for payload in (0.0, 0.5 * PAYLOADS[name], PAYLOADS[name]):
+            rated = PAYLOADS.get(name, PAYLOAD)
+            for payload in (0.0, 0.5 * rated, rated):
                 log = record(name, seed + number, payload)
                 yield f"{name}, {payload:g} kg", load(name), log, False
                 if payload:
@@ -76,8 +80,9 @@ def public(folder: Path) -> Iterator[tuple[str, armgpi.Robot, Log, bool]]:
         part = log.t < log.t[0] + 20.0
         log = log._replace(t=log.t[part], q=log.q[part], tau=log.tau[part])
         yield label, robot, log, False
-        for other in KINDS[0] if label.startswith("UR10") else ():
-            if other != robot.name and not (label == "UR10" and other == "ur10"):
+        kind = next((names for names in KINDS if load(names[0]).n == robot.n), ())
+        for other in kind:
+            if other.lower() != label.lower() and other != robot.name:
                 yield f"{label} as {other}", load(other), log, True
 
 
@@ -86,6 +91,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=50)
     parser.add_argument("--public", type=Path, help="folder with clones of the public logs")
+    parser.add_argument("--arms", nargs="+", help="arms that are taken for each other, in place of KINDS")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if given.public and not given.public.is_dir():
@@ -94,7 +100,9 @@ def main() -> None:
         )
     # Whether it is another arm -> logs that are said to be of one, or refused, and all logs.
     counts = {True: [0, 0], False: [0, 0]}
-    for label, robot, log, another in public(given.public) if given.public else simulated(given.seed):
+    kinds = (tuple(given.arms),) if given.arms else KINDS
+    cases = public(given.public) if given.public else simulated(given.seed, kinds)
+    for label, robot, log, another in cases:
         refused = ""
         try:
             found = identify(log, robot)
