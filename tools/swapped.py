@@ -3,7 +3,8 @@
 For each pair of joints of a log: the logarithm of the power that both torques leave unexplained in their
 order, over that with the pair exchanged. The largest one over all pairs is printed, which `armgpi identify`
 compares with `OTHER_ORDER`, and how many swapped pairs are found. With a pair swapped the logarithm has the
-other sign. No log was chosen by it.
+other sign. No log was chosen by it. Then the same for positions, of which the whole motion is another one:
+the logarithms of all joints are summed, for the first ten seconds.
 
     python tools/swapped.py --arms ur5 z1 panda so100 xarm7 ur3 kinova --seed 41
     python tools/swapped.py --public FOLDER  # with the clones that tools/public_logs.py and others name
@@ -25,7 +26,14 @@ import ur10e
 
 import armgpi
 from armgpi.health.zoo import fingers
-from armgpi.identification.check import OTHER_ORDER, find_order, match_motions, terms_of, unexplained
+from armgpi.identification.check import (
+    OTHER_ORDER,
+    explained_in_order,
+    find_order,
+    match_motions,
+    terms_of,
+    unexplained,
+)
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log, resample
@@ -78,6 +86,21 @@ def judge(robot: armgpi.Robot, log: Log) -> tuple[float, int, int]:
     return largest, found, len(pairs)
 
 
+def judge_positions(robot: armgpi.Robot, log: Log) -> tuple[float, int]:
+    """Return the largest logarithm over pairs whose positions are exchanged, and how many are found."""
+    form, prior = WeakForm(robot.pinocchio_model(), resample(log)), expect(robot)
+    unchanged = list(range(robot.n))
+    right = explained_in_order(prior, form, unchanged)
+    gains = []
+    for i, j in itertools.combinations(unchanged, 2):
+        order = unchanged.copy()
+        order[i], order[j] = j, i
+        exchanged = explained_in_order(prior, form, order)
+        gains.append(float(unexplained(right).sum() - unexplained(exchanged).sum()))
+    seen = sum(gain < -OTHER_ORDER for gain in gains) if (right >= 0.5).all() else 0
+    return max(gains), seen
+
+
 def main() -> None:
     """Print a row for each log."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -91,7 +114,11 @@ def main() -> None:
         logs = itertools.chain(logs, public(given.public))
     for label, robot, log in logs:
         largest, found, count = judge(robot, log)
-        print(f"| {label} | {largest:.2g} | {found} of {count} |", flush=True)
+        of_positions, seen = judge_positions(robot, log)
+        print(
+            f"| {label} | {largest:.2g} | {found} of {count} | {of_positions:.2g} | {seen} of {count} |",
+            flush=True,
+        )
     print(f"another order is taken from {OTHER_ORDER:g} on")
 
 

@@ -18,6 +18,7 @@ from armgpi.base.renamed import warn_renamed
 from armgpi.errors import ParameterError
 from armgpi.identification import estimate
 from armgpi.identification.check import (
+    ANOTHER_ROBOT,
     LIGHT,
     carrying_joint,
     check_bodies,
@@ -762,6 +763,11 @@ def identify(
     if light.any():
         findings = [*findings, *_hide_rotors(data, light, found)]
         found = Identified(data, *fit_with_terms(data), findings)
+    if found.link_distance > ANOTHER_ROBOT or found._lags_differ:
+        swapped = [finding for finding in data.position_findings() if finding not in found.findings]
+        found.findings += tuple(swapped)
+        if check_first:
+            refuse(swapped)
     if check_first:
         least = np.array([row.lower / row.expected for row in found._rotors])
         refuse(check_fit(found.robot.joint_names, found.lag, found.residuals, least))

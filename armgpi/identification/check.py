@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -70,6 +71,8 @@ _UNLIKE = 1.5
 #: real UR10s named UR5 had 6.2 and 7.3, simulated arms named another one 9.4 or more; chosen between them
 #: (tools/another_robot.py).
 ANOTHER_ROBOT = 5.0
+#: Time of a log in which positions in another order are tried [s].
+_TRIED = 10.0
 #: Width of the sign in the check [rad/s or m/s].
 _WIDTH = 5e-3
 
@@ -91,8 +94,55 @@ def check(robot: Robot, gravity: bool, prior: Prior, log: Log, grid: Grid, form:
     is_fit = all(finding.severity != "error" for finding in findings)
     if is_fit and len(form.starts):
         findings += _of_motion(robot, form)
-        findings += _of_torques(robot, gravity, prior, form)
+        of_torques = list(_of_torques(robot, gravity, prior, form))
+        if any(finding.severity == "error" for finding in of_torques):
+            of_torques = check_positions(robot, prior, form) or of_torques
+        findings += of_torques
     return [finding._replace(message=f"{finding.message} ({log.source})") for finding in findings]
+
+
+def check_positions(robot: Robot, prior: Prior, form: WeakForm) -> list[Finding]:
+    """Return that the positions of two joints are swapped, where torques follow from the exchanged ones.
+
+    The whole motion is computed again for each pair, so it is asked for where something is wrong already.
+    """
+    if is_supposed(robot):  # of a bare arm the terms say too little
+        return []
+    unchanged = list(range(robot.n))
+    least = unexplained(explained_in_order(prior, form, unchanged)).sum() - OTHER_ORDER
+    swapped: tuple[int, int] | None = None
+    for first, second in itertools.combinations(unchanged, 2):
+        order = unchanged.copy()
+        order[first], order[second] = second, first
+        shares = explained_in_order(prior, form, order)
+        power = unexplained(shares).sum()
+        if power < least and (shares >= _EXPLAINED).all():
+            least, swapped = power, (first, second)
+    if swapped is None:
+        return []
+    first_name, second_name = (robot.joint_names[joint] for joint in swapped)
+    said = (
+        f"the torques follow from the motion with the positions of {first_name!r} and {second_name!r} "
+        "exchanged: the columns of these two are swapped, of positions or of torques"
+    )
+    return [Finding("error", "", said)]
+
+
+def explained_in_order(prior: Prior, form: WeakForm, order: Sequence[int]) -> Array:
+    """Return the share of each joint's torque that positions in some order explain, (n,).
+
+    Args:
+        prior: what is expected of the arm.
+        form: of the log; its first seconds are taken.
+        order: joint -> whose positions it gets.
+    """
+    n = len(order)
+    ordered = form.in_order(order, _TRIED)
+    if not len(ordered.starts):
+        return np.zeros(n)
+    terms = terms_of(prior, ordered, n)
+    torque, _ = ordered.torque(np.zeros(n))
+    return np.array([_explain(terms[:, joint], torque[:, joint])[0] for joint in range(n)])
 
 
 def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array) -> list[Finding]:

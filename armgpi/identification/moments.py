@@ -13,7 +13,7 @@ import pinocchio as pin
 from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
-from armgpi.identification.check import check
+from armgpi.identification.check import check, check_positions
 from armgpi.identification.elastic import Twist, Twisted, expected_compliance
 from armgpi.identification.estimate import Block, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample, with_torques
@@ -224,6 +224,14 @@ class Moments:
         findings = []
         for log, grid, form in list(zip(self.logs, self.grids, self.rigid, strict=True))[-count:]:
             findings += check(self.robot, self.gravity, self.expected, log, grid, form)
+        return findings
+
+    def position_findings(self) -> list[Finding]:
+        """Return that the positions of two joints are swapped in a log, where they are."""
+        findings = []
+        for log, form in zip(self.logs, self.rigid, strict=True):
+            swapped = check_positions(self.robot, self.expected, form)
+            findings += [finding._replace(message=f"{finding.message} ({log.source})") for finding in swapped]
         return findings
 
     def inertias(self) -> Array:

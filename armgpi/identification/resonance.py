@@ -154,16 +154,6 @@ class _Turn(NamedTuple):
     answer: _Complex
     noise: Array
 
-    @property
-    def s(self) -> _Complex:
-        """Frequencies [rad/s], imaginary, (lines,)."""
-        return np.asarray(2j * math.pi * self.lines, dtype=np.complex128)
-
-    @property
-    def torque(self) -> _Complex:
-        """Mean torque of the periods, (lines,)."""
-        return np.asarray(self.tau.mean(axis=0))
-
 
 def shake(
     robot: Robot, share: float = SHAKEN, seed: int = 0, clearance: Clearance | None = None
@@ -456,18 +446,18 @@ class _Model:
     turns, torque = (J s^2 + f s) m_j + g_j (m_j - q_j), with g = K + B s. Others may rest in their friction.
     """
 
-    def __init__(self, turn: _Turn, links: Array, steep: Array, drives: _Drives) -> None:
+    def __init__(self, turn: _Turn, s: _Complex, links: Array, steep: Array, drives: _Drives) -> None:
         """Work out what both sides of the encoders have in common.
 
         Args:
             turn: of the joint.
+            s: frequencies [rad/s], imaginary, (lines,).
             links: inertia L of the links, (n, n).
             steep: derivative G of their weight by the positions, (n, n).
             drives: of the joints.
         """
         self.joint, self.links = turn.joint, links
         self.answer = turn.answer.mean(axis=0)
-        s = turn.s
         self.square = s**2
         self.dynamic = links * self.square[:, None, None] + steep
         self.gear = drives.stiffness + drives.damping * s[:, None]
@@ -537,6 +527,7 @@ class _Fit:
         self.robot, self.turns, self.side = robot, turns, side
         self.links = [_links_of(robot, turn.q) for turn in turns]
         self.steep = [gravity_stiffness(robot, turn.q) * float(gravity) for turn in turns]
+        self.s: _Complex = np.asarray(2j * math.pi * turns[0].lines, dtype=np.complex128)
         self.mean, self.std = _expected(robot, lag)
         self.noise: list[Array] = []
         fits = [self._search(factor) for factor in _STARTS]  # a spectrum has more than one valley
@@ -574,13 +565,13 @@ class _Fit:
         residual, turn = self._rest(x, index), self.turns[index]
         noise_of_position = turn.noise[:, 1 + turn.joint]
         by_position = residual.by_position * noise_of_position
-        sizes = np.abs([turn.torque, residual.noise, by_position])
+        sizes = np.abs([turn.tau.mean(axis=0), residual.noise, by_position])
         return np.abs(residual.left), np.linalg.norm(sizes, axis=0)
 
     def _noise(self, x: Array, index: int) -> Array:
         """Return the noise of the residual at each line, but for that of the joint's own position."""
         residual = self._rest(x, index)
-        torque = np.abs(self.turns[index].torque)
+        torque = np.abs(self.turns[index].tau.mean(axis=0))
         measured = 0.5 * residual.noise**2  # of a real part
         not_linear = (_LINEAR * torque) ** 2
         does_not_fit = _ROBUST * np.abs(residual.left) * torque
@@ -637,9 +628,9 @@ class _Fit:
         """Return what is left of the torque of a turn, and how it changes with the unknowns."""
         turn, drives = self.turns[index], self._drives(x)
         links = np.outer(drives.share, drives.share) * self.links[index]
-        model = _Model(turn, links, self.steep[index], drives)
+        model = _Model(turn, self.s, links, self.steep[index], drives)
         torque = model.of_motors() if self.side == "motor" else model.of_links()
-        measured = np.exp(-turn.s * drives.late[turn.joint]) * turn.torque
+        measured = np.exp(-self.s * drives.late[turn.joint]) * turn.tau.mean(axis=0)
         predicted = (torque.row * model.answer).sum(axis=1)
         # The noise of the joint's own position is weighed apart; in its place is that of the torque.
         noise = np.abs(torque.row * turn.noise[:, 1:])
@@ -654,7 +645,7 @@ class _Fit:
 
     def _slope(self, turn: _Turn, drives: _Drives, torque: _Torque, measured: _Complex) -> _Complex:
         """Return the derivative of the residual of a turn by the unknowns, (lines, unknowns)."""
-        s, joint = turn.s, turn.joint
+        s, joint = self.s, turn.joint
         slope = np.zeros((len(s), _UNKNOWNS, self.robot.n), dtype=complex)
         slope[:, 0] = -torque.by_gear * drives.stiffness
         slope[:, 1] = -torque.by_gear * drives.damping * s[:, None]
@@ -666,7 +657,7 @@ class _Fit:
 
     def _position_slope(self, turn: _Turn, drives: _Drives, torque: _Torque) -> _Complex:
         """Return the derivative of the torque for a position of the joint, likewise."""
-        s, joint = turn.s, turn.joint
+        s, joint = self.s, turn.joint
         slope = np.zeros((len(s), _UNKNOWNS, self.robot.n), dtype=complex)
         slope[:, 0] = torque.own_by_gear * drives.stiffness
         slope[:, 1] = torque.own_by_gear * drives.damping * s[:, None]

@@ -11,6 +11,7 @@ Velocity is needed inside D(q) v and C alone, where little depends on it.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -117,6 +118,18 @@ class WeakForm:
         """Return the samples of a test function, or of a derivative of it by time, times dt: (count + 1,)."""
         u = np.arange(self._count + 1) / self._count
         return bump(u, derivative) * self._grid.dt / self.length**derivative
+
+    def in_order(self, order: Sequence[int], seconds: float) -> WeakForm:
+        """Return the moments of a log's beginning with the positions of the joints in another order.
+
+        Args:
+            order: joint -> whose positions it gets.
+            seconds: of the log.
+        """
+        count = round(seconds / self._grid.dt)
+        q, tau, bad = self._grid.q[:count], self._grid.tau[:count], self._grid.bad[:count]
+        grid = self._grid._replace(q=q[:, list(order)], tau=tau, bad=bad)
+        return WeakForm(self._model, grid)
 
     @property
     def length(self) -> float:

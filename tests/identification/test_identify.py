@@ -1579,6 +1579,20 @@ def said_of(result: Identified) -> str:
     return "\n".join(str(each) for each in result.findings)
 
 
+@pytest.mark.parametrize("pair", [(1, 2), (0, 4), (3, 5)])
+def test_positions_of_two_joints_that_are_swapped_are_named(pair: tuple[int, int]) -> None:
+    """The torques of some pairs follow from the wrong positions as well, and the fit explained them."""
+    log, robot = carrying(0.0), armgpi.Robot.load("ur5")
+    order = np.arange(robot.n)
+    order[list(pair)] = pair[::-1]
+    first, second = (robot.joint_names[joint] for joint in pair)
+    with pytest.raises(UnfitLog, match=f"positions of '{first}' and '{second}' exchanged") as caught:
+        identify(log._replace(q=log.q[:, order]), robot)
+    assert "\n" not in str(caught.value)
+    found = identify(log._replace(q=log.q[:, order]), robot, check_first=False)
+    assert any(f"'{first}' and '{second}' exchanged" in str(finding) for finding in found.findings)
+
+
 def test_a_payload_is_neither_refused_nor_taken_for_another_robot() -> None:
     """The rated payload turns the weight of wrist_1 and wrist_2 round: it is in the last link alone."""
     result = identify(carrying(5.0), armgpi.Robot.load("ur5"))
