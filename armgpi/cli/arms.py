@@ -228,6 +228,25 @@ def note_drives(experiment: Experiment, explain: bool = True, motion: opt.Experi
     if automatic and getattr(experiment.config.plant, "encoder_bits", None) is None:
         hold(f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits")
     _note_force(experiment)
+    _note_walls(experiment)
+
+
+def _note_walls(experiment: Experiment) -> None:
+    """Say which walls without damping are stiffer than a spring at the tool damps in its worst direction."""
+    from armgpi.control.impedance import CartesianImpedance
+    from armgpi.plants.environment import Wall
+    from armgpi.plants.plant import inside
+
+    contacts = getattr(inside(experiment.plant), "environment", ())
+    undamped = [each.stiffness for each in contacts if isinstance(each, Wall) and not each.damping]
+    stiffest = max(undamped, default=0.0)
+    for label, law in experiment.controllers.items():
+        if isinstance(law, CartesianImpedance) and stiffest > law.limits.wall:
+            hold(
+                f"note: {label}: a wall of {stiffest / 1e3:.3g} kN/m without damping; the stiffest that it "
+                f"damps is {law.limits.wall / 1e3:.3g} kN/m in the worst direction and configuration, so the "
+                "tool may hammer it. Lower the stiffness or the delay, or give the wall a damping"
+            )
 
 
 def _note_force(experiment: Experiment) -> None:

@@ -472,3 +472,18 @@ def test_bound_has_the_force_of_a_spring_at_the_walls_of_its_file(cli: Cli, tmp_
     assert force["gravity"] == pytest.approx(0.3 * 9.81, rel=1e-3)
     assert force["total"] == pytest.approx(500.0 * force["depth"] + force["friction"] + force["gravity"])
     assert "mm deep" in cli("bound", file, "--allow-part").out
+
+
+@pytest.mark.parametrize(("stiffness", "damping", "said"), [(1e7, 0.0, 1), (1e7, 10.0, 0), (1e4, 0.0, 0)])
+def test_run_names_a_wall_that_a_spring_does_not_damp(
+    cli: Cli, tmp_path: Path, stiffness: float, damping: float, said: int
+) -> None:
+    file = tmp_path / "arm.yaml"
+    wall = f"{{type: wall, normal: [0, 0, 1], distance: -0.3, stiffness: {stiffness}, damping: {damping}}}"
+    plant = f"plant: {{delay: 1, environment: [{wall}]}}\n"
+    file.write_text(
+        f"robot: {{name: ur5}}\n{plant}controllers: [{{type: cartesian_impedance}}]\nt_final: 0.02\n"
+    )
+    answer = cli("run", file)
+    assert answer.code == 0
+    assert answer.err.count("so the tool may hammer it") == said
