@@ -497,6 +497,34 @@ def test_nor_is_one_that_moves_all_at_once_and_goes_back() -> None:
     assert not check.passes(-change, moved._replace(miss=0.9 * change)).any()
 
 
+def test_what_torques_can_turn_round_in_a_sample_is_no_jump() -> None:
+    """Half of what a push and the torques used do: the more torque, the faster a joint may go back."""
+    check = Supervised(GPI(ARM, DT), Supervisor()).jump
+    check.bounds = check.bounds._replace(jump=1e9 * np.ones(3), turn=1e-15 * np.ones(3))
+    change = check.pushed + 0.5 * check.driven
+    moved = started()[1].supervisor._replace(change=change, v=change, bad=np.zeros(3), late=np.zeros(1))
+    moved = moved._replace(miss=0.9 * change)
+    full = ARM.limits.effort * np.array([0.0, 1.0, 0.0])
+    assert not check.passes(-change, moved._replace(tau=0.4 * full)).any()
+    assert check.passes(-change, moved._replace(tau=0.6 * full)).all()
+    assert check.passes(-change, moved._replace(tau=-0.6 * full)).all()
+
+
+def test_a_torque_is_smoothed_twice_for_how_a_joint_answers_it() -> None:
+    check = Supervised(GPI(ARM, DT), Supervisor()).response
+    watch = started()[1].supervisor
+    yes, no = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+    rng = np.random.default_rng(3)
+    once, twice, model, tau = rng.uniform(0.5, 1.0, (4, 3))
+    kept = watch.response._replace(torque=once, torque_lowpass=twice, model_torque_lowpass=model)
+    watch = watch._replace(response=kept, tau=tau)
+    after = check.after(yes, (yes, no), no, 1.1 * model, watch, 0.0 * tau, 0.0 * tau)
+    smoothed = once + check._smoothing * (tau - once)
+    np.testing.assert_allclose(after.torque, smoothed)
+    np.testing.assert_allclose(after.torque_lowpass, twice + check._forgotten * (smoothed - twice))
+    np.testing.assert_allclose(after.model_torque_lowpass, model + check._forgotten * 0.1 * model)
+
+
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 def test_the_model_is_not_asked_while_a_torque_is_at_either_limit(way: float) -> None:
     supervised, state = started(following=100.0, saturated=0.0, position_margin=100.0, frozen_samples=0)
