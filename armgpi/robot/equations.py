@@ -311,7 +311,8 @@ class Equations:
         holding = np.abs(self.gravity(q))
         effort = np.broadcast_to(self.limits.effort, holding.shape)
         weak = np.where(holding > 0.0, math.inf, 0.0)
-        return np.divide(holding, effort, out=weak, where=effort > 0.0)
+        with np.errstate(over="ignore"):  # of efforts such as 1e-310: infinite as well
+            return np.divide(holding, effort, out=weak, where=effort > 0.0)
 
     def check_holding(self, q: ArrayLike, what: str) -> None:
         """Refuse configurations at which gravity exceeds a joint's effort limit: nothing holds the arm there.

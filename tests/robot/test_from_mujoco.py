@@ -70,6 +70,15 @@ def check_equations(robot: Robot, path: Path, names: list[str]) -> None:
         np.testing.assert_allclose(robot.nonlinear_effects(q, v), bias, rtol=0.0, atol=1e-10)
 
 
+def test_a_body_to_drag_is_no_part_of_the_arm(tmp_path: Path) -> None:
+    """It has the first number of those bodies, 0; its 3 kg stand in the world."""
+    path = write(tmp_path)
+    assert mujoco.MjModel.from_xml_path(str(path)).body("target").mocapid[0] == 0
+    robot = Robot.load(path)
+    assert {"one", "two", "flange"} <= set(robot.frame_names)
+    assert "target" not in robot.frame_names
+
+
 def test_the_equations_are_those_of_mujoco(tmp_path: Path) -> None:
     path = write(tmp_path)
     robot = Robot.load(path)

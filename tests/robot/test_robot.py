@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import re
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,7 @@ from strategies import Array, State, robots, robots_and_states, states
 from armgpi import Robot, RobotBatch
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 from armgpi.robot.dynamics import StackedDynamics
+from armgpi.robot.robots import locate
 
 ARM = Robot.load("anthropomorphic3")
 Q = np.array([0.3, 0.4, -0.5])
@@ -218,6 +220,10 @@ def test_the_share_that_holding_takes_is_gravity_over_effort() -> None:
     assert not ARM.with_limits(effort=np.inf).holding_share(q).any()
     # q1 turns about the vertical: gravity asks it for nothing, so no motor is enough.
     np.testing.assert_array_equal(ARM.with_limits(effort=0.0).holding_share(q[0]), [0.0, np.inf, np.inf])
+    # What a file has for next to nothing is too little as well, without a warning.
+    file, *_ = locate("anthropomorphic3")
+    weak = Robot.from_xml(re.sub('effort="[^"]*"', 'effort="1e-310"', file.read_text(encoding="utf-8")))
+    np.testing.assert_array_equal(weak.holding_share(q[0]), [0.0, np.inf, np.inf])
     batch = RobotBatch([ARM, ARM.with_limits(effort=1.0)])
     np.testing.assert_array_equal(batch.holding_share(q[:2])[1], torque[1])
 
@@ -672,3 +678,17 @@ def test_friction_can_be_set_joint_by_joint() -> None:
     assert rough.provenance["changes"][-1]["friction"]["viscous"] == [2.0] * robot.n
     with pytest.raises(LimitError, match="coulomb"):
         robot.with_friction(coulomb=-1.0)
+
+
+def test_loads_that_differ_between_rollouts_hang_where_their_frame_is() -> None:
+    """With and without a centre of mass of their own, each row is the arm with that load."""
+    arm, q = Robot.load("ur5"), np.linspace(-0.5, 0.5, 6)
+    masses, centres = np.array([0.5, 2.0]), np.array([[0.0, 0.02, 0.1], [0.05, 0.0, 0.0]])
+    frame = "ee_link"
+    assert np.linalg.norm(arm._model.frames[arm._frame(frame)].placement.translation) > 0.05
+    for options in ({}, {"com": centres}):
+        rows = arm.varied(payload=masses, frame=frame, **options)
+        held = rows.gravity(np.tile(q, (2, 1)))
+        for i, mass in enumerate(masses):
+            wanted = arm.with_payload(frame, mass, *[each[i] for each in options.values()]).gravity(q)
+            np.testing.assert_allclose(held[i], wanted, rtol=1e-12, atol=1e-12)
