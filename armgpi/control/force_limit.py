@@ -67,6 +67,8 @@ _MOST_SIGNS = 10
 #: A torque is shortened as a whole until no joint has more than so many times its friction; then each is cut
 #: to its own. With 1 one of 432 hands left an arm 11 mm off, as one joint kept the others from theirs.
 _MOST_RUBBED = 2.0
+#: Friction below this is none [N m or N]: a torque over it would be no number.
+_NO_FRICTION = 1e-100
 #: Share of the full damping below which the speed limit is said not to hold [-].
 _WEAK = 0.25
 
@@ -562,7 +564,7 @@ def _per_friction(friction: Array, effort: Array) -> Array:
     efforts = np.where(known, effort, 1.0)
     shares = np.where(known, friction / efforts, 0.0)
     least = np.where(known, shares.max(axis=-1, keepdims=True) * efforts, 0.0)
-    rubs = friction > 0.0
+    rubs = friction > _NO_FRICTION
     compared = np.maximum(_MOST_RUBBED * friction, least)
     return np.where(rubs, 1.0 / np.where(rubs, compared, 1.0), 0.0)
 

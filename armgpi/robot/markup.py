@@ -45,7 +45,7 @@ _BINARY = (
     (b"glTF", "a mesh (glTF): give the URDF that shows it"),
 )
 _HTML = "a web page (HTML): download the file itself, by the 'raw' link"
-_YAML = "YAML: name the robot of an experiment file, or give a URDF"
+_YAML = "YAML: for an experiment file, give the name or the URDF of its robot"
 #: Names that files give to a rotor's inertia, and to the reduction of its gear.
 ROTOR_INERTIA = ("rotor_inertia", "motor_inertia", "motorInertia")
 GEAR_RATIO = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")

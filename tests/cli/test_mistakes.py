@@ -91,7 +91,7 @@ MISTAKES = {
     "derive arm.urdf --lock nope=1": "command line: --lock: there is no moving joint named 'nope'",
     "view arm.urdf --keep nope": "command line: --keep: there is no moving joint named 'nope'",
     "view behind.yaml": "behind.yaml is an experiment file; name its robot",
-    "derive behind.yaml": "is YAML: name the robot of an experiment file, or give a URDF",
+    "derive behind.yaml": "is YAML: for an experiment file, give the name or the URDF of its robot",
     "export behind.yaml -o c": "a wall that 'tool0' starts before",
     "loop behind.yaml --clock simulated": "a wall that 'tool0' starts before",
     "loop arm.urdf --clock real": "--clock: must be one of wall, simulated",

@@ -375,7 +375,7 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         ("<!DOCTYPE html><html><body><p>404</html>", "a web page (HTML): download the file itself"),
         ("<HTML><br></HTML>", "a web page (HTML)"),
         ("version https://git-lfs.github.com/spec/v1\noid sha256:0", "git lfs pull"),
-        ("robot:\n  name: panda\n", "YAML: if it is an experiment file"),
+        ("robot:\n  name: panda\n", "YAML: for an experiment file, give the name"),
         ('{"robot": 1}', "JSON"),
         ("# ours\n# 2024 \n\nrobot:\n  name: panda\n", "YAML"),
         ('[robot]\nname = "x"\n', "TOML"),
