@@ -262,8 +262,9 @@ def encoder(subject: Subject) -> Iterator[Finding]:
                 f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * COUNT_SHARE:g} % "
                 f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default of gpi is {omega:.3g}"
             )
-            cost = COUNT_SHARE * (omega / allowed[j]) ** 2
-            level: Level = "warning" if cost > _MUCH else "info"
+            # The cost of a count grows with the square of omega, which would overflow for next to no effort.
+            is_dear = omega / allowed[j] > math.sqrt(_MUCH / COUNT_SHARE)
+            level: Level = "warning" if is_dear else "info"
             yield Finding(level, f"joint {name!r}", message, float(allowed[j]), omega, repair)
 
 

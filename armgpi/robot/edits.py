@@ -329,8 +329,10 @@ class Edits(Frames):
         """Return a quantity of every joint, (n,); joints that a mapping leaves out keep the current one."""
         values = quantity(value, name, self.joint_names, current, infinite=True)
         for joint, number in zip(self.joint_names, values, strict=True):
-            if not lowest <= number <= highest or (lowest == 0.0 and 0.0 < number < SMALLEST):
+            if not lowest <= number <= highest:
                 raise LimitError(name, joint, number, lowest, highest)
+            if lowest == 0.0 and 0.0 < number < SMALLEST:  # too few digits are left of it
+                raise LimitError(name, joint, number, SMALLEST, highest)
         return values
 
     def _change(self: _Same, change: Mapping[str, Any], **attributes: Any) -> _Same:

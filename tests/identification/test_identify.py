@@ -377,7 +377,7 @@ def test_rotors_and_friction_of_hidden_motors_are_drawn_within_their_drives(roto
     ("vary", "robot", "said"),
     [
         ("{identification: {}}", "anthropomorphic3", "armgpi identify"),
-        ("{identification: {normal: [0, 1]}}", "", "says how it is distributed"),
+        ("{identification: {normal: [0, 1]}}", "", "distribution is that of the identification"),
         ("{identification: {}, plant.coulomb: {uniform: [0, 1]}}", "", "draws it as well"),
     ],
 )

@@ -109,7 +109,7 @@ def test_where_nothing_gives_a_range_one_line_asks_for_it() -> None:
     with pytest.raises(ParameterError, match="low and high: nothing declares a range"):
         space._ends("x", PLAIN, Range(), None)
     assert space._ends("x", PLAIN, Range(1.0, 2.0), None) == (1.0, 2.0)
-    with pytest.raises(ParameterError, match="from where to where"):
+    with pytest.raises(ParameterError, match="a distribution, such as"):
         distribution("x", VarySection(), PLAIN, 3)
 
 
@@ -211,7 +211,7 @@ def test_what_a_loop_cannot_be_given_anew_is_swept_as_the_file_runs_with_it() ->
 def test_a_number_that_nothing_gives_a_range_of_or_that_cannot_be_is_refused_in_one_line() -> None:
     data = {"robot": {"name": "anthropomorphic3"}, "t_final": 0.05}
     for name, said in {
-        "robot.effort": "from where to where it goes, as in {uniform: [1, 2]}",
+        "robot.effort": "must be a distribution, such as {uniform: [1, 2]}",
         "plant.ripple_period": "requires engine: elastic",
         "seed": "a number that differs by rollout",
         "plant.friction": "there is no number of this experiment named 'plant.friction'",
