@@ -34,8 +34,13 @@ _LEAST_SPEED = 1e-6
 _FASTEST = 3.5
 #: The rotor inertia may be so many times the expected one, either way.
 _ROTORS = 4.0
+#: Speed that each joint reaches in a motion, where one is found [rad/s or m/s]: half as much again as a log
+#: has to have (`armgpi.identification.check`).
+_SEEN_SPEED = 0.06
 #: Series of each size that are drawn.
 _TRIES = 40
+#: Motions with a slower joint that are found before more of the torque is taken.
+_SLOW_TRIES = 12
 #: Rounds in which one is made slower, and by how much each.
 _ROUNDS = 24
 _SLOWER = 0.85
@@ -92,7 +97,8 @@ def excite(
     It is a random Fourier series of 0.1 to 0.5 Hz, scaled to positions, speeds and torques inside the limits
     for every rotor inertia within four times the expected one. It is drawn anew, and made smaller at last,
     until the collision shapes of the arm stay clear of each other, of the floor and of the box by a margin.
-    It knows no other obstacles.
+    It knows no other obstacles. Where a joint would be too slow for a log, others are tried, and more of the
+    torque at last.
 
     Args:
         robot: the arm.
@@ -121,9 +127,11 @@ def excite(
     times = np.arange(0.0, seconds + 0.5 * _SAMPLE, _SAMPLE)
     hit: Hit | None = None
     failed: ParameterError | None = None
+    fastest, best = 0.0, None  # of the motions in which a joint is too slow for a log
     for effort_share, size in itertools.product(efforts, _SIZES):
-        if size < 1.0 and hit is None:  # no motion of any size is held
-            continue
+        if size < 1.0 and (hit is None or best is not None):
+            continue  # no motion of any size is held, or smaller ones are slower still
+        slow = 0
         for _ in range(_TRIES):
             normal = rng.normal(size=(2, HARMONICS, robot.n))
             series = normal / math.sqrt(HARMONICS) * _amplitude(robot)
@@ -134,10 +142,26 @@ def excite(
                 failed = error
                 continue
             q = centre + scale * _series(series, times, seconds)
-            hit = clear.first_hit(q[clear.dense(q)])
-            if hit is None:
-                return _excitation(robot, times, q, seed, clear)
+            slowest = _slowest_joint(times, q)
+            if slowest > fastest:
+                hit = clear.first_hit(q[clear.dense(q)])
+                if hit is not None:
+                    continue
+                if slowest >= _SEEN_SPEED:
+                    return _excitation(robot, times, q, seed, clear)
+                fastest, best = slowest, q
+            slow += 1
+            if slow == _SLOW_TRIES:
+                break
+    if best is not None:
+        return _excitation(robot, times, best, seed, clear)
     raise failed if hit is None and failed is not None else blocked(hit, clear)
+
+
+def _slowest_joint(times: Array, q: Array) -> float:
+    """Return the largest speed of the joint whose largest one is the smallest [rad/s or m/s]."""
+    speed = np.abs(np.gradient(q, times, axis=0))
+    return float(speed.max(axis=0).min())
 
 
 def surroundings(
