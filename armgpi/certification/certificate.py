@@ -387,7 +387,8 @@ class _Known:
             progress: called with what is being done.
         """
         others = self.asked.others
-        outside = count_outside(self.asked.setting, found, others, progress=progress)
+        setting, friction = self.asked.setting, self.asked.friction
+        outside = count_outside(setting, found, others, friction, progress=progress)
         if not outside:
             return
         self.solutions.clear()

@@ -226,6 +226,7 @@ def count_outside(
     setting: Setting,
     found: Numbers,
     others: Sequence[tuple[Robot, ...]],
+    friction: bool = False,
     seed: int = 1,
     progress: Progress = lambda _: None,
 ) -> int:
@@ -235,13 +236,16 @@ def count_outside(
         setting: what the numbers are taken over.
         found: the numbers, for all loads.
         others: of each arm, the arm with the lightest and with the heaviest load; or once.
+        friction: whether their own friction acts.
         seed: of the configurations that are drawn.
         progress: called with what is being done.
     """
     outside = 0
     for place, loaded in enumerate(others, start=1):
         progress(f"searching possible arm {place} of {len(others)}")
-        outside += _exceeds(setting, found, loaded, seed)
+        viscous, rubbing = friction_of(loaded[:1], friction, setting.velocity)
+        own = setting._replace(viscous=viscous, friction=rubbing)
+        outside += _exceeds(own, found, loaded, seed)
     return outside
 
 
@@ -376,6 +380,19 @@ def ranges(setting: Setting) -> tuple[Array, Array]:
     low = np.concatenate([setting.lower, -offsets])
     width = np.concatenate([setting.upper - setting.lower, 2.0 * offsets])
     return low, width
+
+
+def friction_of(arms: Sequence[Robot], acts: bool, speed: Array) -> tuple[Array, Array]:
+    """Return the largest viscous friction of some arms, and what all friction is at a speed at most, (n,).
+
+    Args:
+        arms: of which each is possible.
+        acts: whether it acts; it is 0 otherwise.
+        speed: of the joints [rad/s or m/s].
+    """
+    largest = np.max([arm.friction for arm in arms], axis=0)
+    viscous, coulomb = float(acts) * largest
+    return viscous, viscous * speed + coulomb
 
 
 def points(setting: Setting, z: Array) -> Points:

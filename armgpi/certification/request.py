@@ -13,7 +13,7 @@ from armgpi.base import renamed
 from armgpi.base.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
 from armgpi.base.renamed import current_name
 from armgpi.certification.box import Box, box_of
-from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
+from armgpi.certification.quantities import PER_JOINT, Numbers, Setting, friction_of
 from armgpi.errors import ParameterError
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains
@@ -122,25 +122,12 @@ def ask(
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    viscous, rubbing = _friction(arms or (robot,), friction, moves[0])
+    viscous, rubbing = friction_of(arms or (robot,), friction, moves[0])
     known: Any = law.bias_robot
     inputs = each(torque, "torque"), rubbing, *moves, count, viscous, law.rest_dead_zone
     setting = Setting(ends, ends[-1], known, *where, near, fastest, law.feedforward, *inputs)
     more = tuple(_with_loads((arm,), loads) for arm in others)
     return Asked(robot, law, where, setting, away, delay, friction, jump, bits, start, rule, more)
-
-
-def _friction(arms: Sequence[Robot], acts: bool, speed: Array) -> tuple[Array, Array]:
-    """Return the largest viscous friction of some arms, and what all friction is at a speed at most, (n,).
-
-    Args:
-        arms: of which each is possible.
-        acts: whether it acts; it is 0 otherwise.
-        speed: of the joints [rad/s or m/s].
-    """
-    largest = np.max([arm.friction for arm in arms], axis=0)
-    viscous, coulomb = float(acts) * largest
-    return viscous, viscous * speed + coulomb
 
 
 def _with_loads(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:

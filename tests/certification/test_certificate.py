@@ -345,6 +345,17 @@ def test_other_possible_arms_are_searched_and_one_beyond_the_numbers_takes_all_c
     assert (beyond.data["solutions"], beyond.data["inputs"], beyond.data["robot"]["searched"]) == ({}, {}, 0)
 
 
+def test_a_possible_arm_that_rubs_more_than_the_hull_exceeds_the_numbers_where_friction_acts() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05).with_friction(0.01, 0.001)
+    others = [robot.with_friction(0.005, 0.001), robot.with_friction(0.01, 0.005)]
+    options: dict[str, Any] = {"speed": 0.2, "start": "held", "radius": 0.05, "arms": [robot]}
+    for friction, some in ((True, others[:1]), (False, others)):
+        assert armgpi.certify(robot, others=some, friction=friction, **options).certified
+    beyond = armgpi.certify(robot, others=others, friction=True, **options)
+    assert not beyond.certified
+    assert beyond.reasons[0].startswith("1 of 2 other possible arms exceed its numbers")
+
+
 def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> None:
     robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort={"q3": 0.05})
     made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held")
