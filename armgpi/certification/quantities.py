@@ -243,8 +243,10 @@ def count_outside(
     outside = 0
     for place, loaded in enumerate(others, start=1):
         progress(f"searching possible arm {place} of {len(others)}")
-        viscous, rubbing = friction_of(loaded[:1], friction, setting.velocity)
-        own = setting._replace(viscous=viscous, friction=rubbing)
+        own = setting
+        if friction:
+            viscous, rubbing = friction_of(loaded[:1], friction, setting.velocity)
+            own = setting._replace(viscous=viscous, friction=rubbing)
         outside += _exceeds(own, found, loaded, seed)
     return outside
 
