@@ -259,8 +259,9 @@ def certify(
         known = _Known(asked, numbers)
         if not solvable(known.law, known.numbers, known.one):
             continue
-        if certificate(asked._replace(others=()), numbers).certified:
-            break
+        made = certificate(asked._replace(others=()), numbers)
+        if made.certified:
+            return certificate(asked, numbers, progress) if asked.others else made
     return certificate(asked, numbers, progress)
 
 

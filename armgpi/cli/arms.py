@@ -254,10 +254,11 @@ def _note_force(experiment: Experiment) -> None:
     from armgpi.plants.plant import inside
     from armgpi.robot.batch import one_of
 
-    for label, law in experiment.controllers.items():
-        if getattr(law, "force_limit", None) is not None:
+    controller: Any  # one that has a force limit has its bound as well
+    for label, controller in experiment.controllers.items():
+        if getattr(controller, "force_limit", None) is not None:
             arm = one_of(inside(experiment.plant).robot)
-            bound: Any = law.force_bound(arm=arm)  # type: ignore[attr-defined]
+            bound = controller.force_bound(arm=arm)
             hold(f"{label}: {bound}".replace("\n", " "))
 
 

@@ -29,7 +29,7 @@ from armgpi.identification.check import (
     refuse,
 )
 from armgpi.identification.chirp import Side, find_side
-from armgpi.identification.estimate import Fit, Prior
+from armgpi.identification.estimate import HALF_95, Fit, Prior
 from armgpi.identification.logs import TORQUES, Log
 from armgpi.identification.moments import CONFIGURATIONS, MOTOR, Moments
 from armgpi.identification.posterior import Posterior, with_parameters
@@ -53,8 +53,6 @@ _DRIVES = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous",
 _DECIDED = 0.5
 #: Share of the rotors that the log decided, too light, from which sensors behind the gears hide them.
 _MOST_LIGHT = 0.5
-#: Half width of a 95 % interval in standard deviations.
-_95 = 1.96
 #: Half width of the 95 % interval of the common factor of torque constants: a magnet's remanence and a
 #: gear's efficiency, which no log without a known load tells.
 _CONSTANTS = 0.1
@@ -451,7 +449,7 @@ class Identified:
             std = float(np.sqrt(scaled @ self._fit.covariance @ scaled))
             inverse = np.linalg.solve(self._fit.information, scaled)
             prior_share = float(scaled @ inverse) / float(scaled @ scaled)
-            lower, upper = max(value - _95 * std, 0.0), value + _95 * std
+            lower, upper = max(value - HALF_95 * std, 0.0), value + HALF_95 * std
             rows.append(Estimate(joint, "inertia", value, lower, upper, 1.0 - prior_share, expected))
         return rows
 
@@ -576,7 +574,7 @@ class Identified:
         constants = self._data.current
         if scale_known or constants is None or np.all(constants == 1.0):
             return load
-        mass_std = float(np.hypot(load.mass_std, _CONSTANTS / _95 * load.mass))
+        mass_std = float(np.hypot(load.mass_std, _CONSTANTS / HALF_95 * load.mass))
         return load._replace(mass_std=mass_std, scale=_CONSTANTS)
 
     def _expected_load(self) -> Array:
@@ -622,7 +620,7 @@ class Identified:
         """Return one unknown; what cannot be negative has an interval that is not."""
         value, std = float(self.theta[place]), float(self._std[place])
         least = 0.0 if place in self._prior.positive else -np.inf
-        ends = (max(value - _95 * std, least), value + _95 * std)
+        ends = (max(value - HALF_95 * std, least), value + HALF_95 * std)
         data_share = float(self._fit.learned[place])
         expected = 0.0 if quantity == "lag" else float(self._prior.mean[place])
         if quantity == "rotor":

@@ -19,6 +19,7 @@ from armgpi.base.arrays import Array, PerJointInput, check_number, check_type, q
 from armgpi.base.verdict import Verdict, judge
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.gpi.law import GPI
+from armgpi.identification.estimate import HALF_95
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, read_log, resample, with_torques
 from armgpi.references.recorded import Recorded
@@ -96,8 +97,6 @@ _BLOCK = 0.05
 _COARSEST = 6.0
 #: Sample time of the controllers whose margins are printed [s].
 _SAMPLE_TIME = 1e-3
-#: Half width of a 95 % interval in standard deviations.
-_95 = 1.96
 #: Share of the prior's width that a rotor's has to be below before it counts as identified.
 _LEARNED = 0.5
 
@@ -315,7 +314,8 @@ def find_side(robot: Robot, log: Log) -> Side:
     rotor = soft.armature
     low, high = soft.drives.interval("rotor_inertia")
     low, high = np.where(np.isnan(low), rotor, low), np.where(np.isnan(high), rotor, high)
-    result = Side(side, evidence, rotor.copy(), low, high, np.zeros(robot.n, dtype=bool), math.nan, counts)
+    measured = np.zeros(robot.n, dtype=bool)
+    result = Side(side, evidence, rotor.copy(), low, high, measured, math.nan, counts)
     return _with_rotors(result, fits, grid.dt) if side else result
 
 
@@ -334,7 +334,7 @@ def _with_rotors(result: Side, fits: Mapping[int, _BothSides], dt: float) -> Sid
         # Behind the elasticity a rotor cannot be told from the link: it came out up to six times too heavy.
         if result.side == "motor" and fitted.std < _LEARNED * _ROTOR:
             value = result.rotor[joint] * math.exp(_ROTOR * fitted.x[1])
-            spread = math.exp(_95 * fitted.std)
+            spread = math.exp(HALF_95 * fitted.std)
             result.rotor[joint] = value
             result.low[joint] = value / spread
             result.high[joint] = value * spread
@@ -419,7 +419,8 @@ def _responses(robot: Robot, grid: Grid, count: Array, coarse: list[int]) -> Ite
         is_whole = start >= 0 and end <= len(grid.q)
         if not is_whole or grid.bad[start:end].any():
             continue
-        part = grid._replace(q=grid.q[start:end], tau=grid.tau[start:end], bad=grid.bad[start:end])
+        span = slice(start, end)
+        part = grid._replace(q=grid.q[span], tau=grid.tau[span], bad=grid.bad[span])
         response = _response(joint, part, lines, float(count[joint]), float(heaviest[joint]))
         if response is None:
             coarse.append(joint)

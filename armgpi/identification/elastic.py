@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.base.arrays import Array
+from armgpi.identification.estimate import HALF_95
 from armgpi.identification.weak_form import COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS, WeakForm
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears, lowest_mode
@@ -30,8 +31,6 @@ _ASSUMED = 30.0
 _EXACT = 0.1
 #: Least compliance [rad/(N m) or m/N] and rotor [kg m^2 or kg] of which a first mode is computed.
 _LEAST = 1e-9
-#: Half width of a 95 % interval in standard deviations.
-_95 = 1.96
 
 
 class Twisted(NamedTuple):
@@ -191,7 +190,7 @@ def expected_compliance(robot: Robot) -> tuple[Array, Array]:
     low, high = soft.drives.interval("stiffness")
     mean = np.where(np.isfinite(stiffness), 1.0 / stiffness, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        std = (1.0 / low - 1.0 / high) / (2.0 * _95)
+        std = (1.0 / low - 1.0 / high) / (2.0 * HALF_95)
     known = knows_stiffness(robot)
     has_interval = known & np.isfinite(std) & (std > 0.0)
     without_interval = np.where(known, _EXACT, _ASSUMED) * mean

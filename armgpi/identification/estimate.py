@@ -63,7 +63,16 @@ _LEAST_ROTOR = 1e-3
 #: Friction below this, in standard deviations of what is expected, is none.
 _NO_FRICTION = 1e-9
 #: Rows and columns of the second moments of a body, in the order of :data:`BODY`.
-_MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_MOMENTS = (
+    (0, 0),
+    (0, 1),
+    (1, 1),
+    (0, 2),
+    (1, 2),
+    (2, 2),
+)
+#: Half width of a 95 % interval in standard deviations.
+HALF_95 = 1.96
 #: What the solver says of a point that it found, the second to less accuracy.
 _SOLVED = ("Solved", "AlmostSolved")
 

@@ -15,7 +15,7 @@ from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import check, check_positions
 from armgpi.identification.elastic import Twist, Twisted, expected_compliance
-from armgpi.identification.estimate import Block, Prior
+from armgpi.identification.estimate import HALF_95, Block, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample, with_torques
 from armgpi.identification.samples import Finding
 from armgpi.identification.weak_form import COULOMB, OFFSET, ROTOR, VISCOUS, WeakForm, inverse_rows
@@ -44,8 +44,6 @@ _ENDS = 1.0
 _SAME = 0.03
 #: Configurations at which inertia matrices are compared.
 CONFIGURATIONS = 50
-#: Half width of a 95 % interval in standard deviations.
-_95 = 1.96
 
 
 class Coupled(NamedTuple):
@@ -140,7 +138,7 @@ class Moments:
         mean = self.expected.mean.reshape(self.robot.n, -1)
         std = self.expected.std.reshape(self.robot.n, -1).copy()
         half_width = 0.5 * (SCATTER - 1.0 / SCATTER)
-        std[joints, ROTOR] = half_width / _95 * mean[joints, ROTOR]
+        std[joints, ROTOR] = half_width / HALF_95 * mean[joints, ROTOR]
         self.expected = self.expected._replace(std=std.ravel())
 
     def with_logs(self, logs: Sequence[Any]) -> Moments:

@@ -13,7 +13,7 @@ from scipy import optimize
 from armgpi.base.arrays import Array, check_number, check_type, check_whole
 from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ParameterError, UnfitLog
-from armgpi.identification.estimate import planned_rotors
+from armgpi.identification.estimate import HALF_95, planned_rotors
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, resample
 from armgpi.references.recorded import Recorded
@@ -88,8 +88,6 @@ _WEIGHINGS = 4
 _STEPS = 25
 #: Share that a log has to tell of a stiffness before it counts as measured.
 _DECIDED = 0.5
-#: Half width of a 95 % interval in standard deviations.
-_95 = 1.96
 #: Step of the unknowns in which the change of the first mode is looked for.
 _STEP = 1e-4
 
@@ -123,7 +121,7 @@ class Gears(NamedTuple):
         measured = np.flatnonzero(self.measured)
         for row, name in enumerate(("stiffness", "damping")):
             values: Array = (self.stiffness, self.damping)[row]
-            spread = np.exp(_95 * self.std[row])
+            spread = np.exp(HALF_95 * self.std[row])
             low, high = values / spread, values * spread
             value_of, low_of, high_of = {}, {}, {}
             for place in measured:
@@ -687,7 +685,7 @@ class _Fit:
         measured &= std[:n] < least_known
         mode = self._mode(x)
         slope = self._mode_slope(mode)
-        half_width = _95 * math.sqrt(float(slope @ covariance @ slope))
+        half_width = HALF_95 * math.sqrt(float(slope @ covariance @ slope))
         factor = half_width / mode
         low, high = mode * math.exp(-factor), mode * math.exp(factor)
         ends = np.array([mode, low, high])
@@ -763,6 +761,6 @@ def _rotor_width(robot: Robot) -> Array:
     rotor = robot.armature
     low, high = robot.drives.interval("rotor_inertia")
     highest, lowest = np.maximum(high, rotor), np.maximum(low, 1e-3 * rotor)
-    width = np.log(highest / lowest) / (2.0 * _95)
+    width = np.log(highest / lowest) / (2.0 * HALF_95)
     width = np.where(np.isfinite(width), width, _ROTOR)
     return np.clip(width, _LEAST_ROTOR, _ROTOR)

@@ -12,7 +12,7 @@ from armgpi.base.verdict import Verdict, judge
 from armgpi.errors import ArmgpiError
 from armgpi.gpi.law import GPI
 from armgpi.identification.arm import Estimate, Identified, Load, Validation
-from armgpi.identification.estimate import is_supposed
+from armgpi.identification.estimate import HALF_95, is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS
@@ -126,7 +126,8 @@ def say_lag(found: Identified) -> str:
     """Return the lag in words."""
     lag, std = found.lag, found.lag_std
     if np.ptp(lag) == 0.0:
-        return f"measured positions lag {1e3 * lag[0]:.2f} ms (± {1.96e3 * std[0]:.1g}) behind the torques"
+        half_width = 1e3 * HALF_95 * std[0]
+        return f"measured positions lag {1e3 * lag[0]:.2f} ms (± {half_width:.1g}) behind the torques"
     each = ", ".join(f"{name} {1e3 * x:.2f}" for name, x in zip(found.robot.joint_names, lag, strict=True))
     return f"measured positions lag behind the torques, joint by joint [ms]: {each}"
 
@@ -241,7 +242,7 @@ def say_load(load: Load) -> str:
     )
     unknown = unknown if load.scale else ""
     return (
-        f"load: {load.mass:.4g} ± {1.96 * load.mass_std:.1g} kg, centre at {place} mm in {load.frame}, "
+        f"load: {load.mass:.4g} ± {HALF_95 * load.mass_std:.1g} kg, centre at {place} mm in {load.frame}, "
         f"inertia {inertia} kg m² about it{unknown}"
     )
 

@@ -226,7 +226,8 @@ class _Reader:
         xx, yy, zz = _numbers(model.body_inertia[body])
         xyz = _numbers(model.body_ipos[body])
         rpy = _rpy(_rotation(model.body_iquat[body]))
-        self.links[name] = Link(name, mass, xyz, rpy, (xx, 0.0, 0.0, yy, 0.0, zz), mass > 0.0, ())
+        inertia = (xx, 0.0, 0.0, yy, 0.0, zz)
+        self.links[name] = Link(name, mass, xyz, rpy, inertia, mass > 0.0, ())
         if body == 0:
             return
         parent = self.bodies[self.parents[body]]

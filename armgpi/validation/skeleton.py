@@ -46,7 +46,7 @@ _SPREAD = 0.3
 #: Rows and columns of the pseudo-inertia's factor below its diagonal.
 _BELOW = ([1, 2, 2, 3, 3, 3], [0, 0, 1, 0, 1, 2])
 #: Parameters of a body to begin with: logarithms of the factor's diagonal, and zeros below it.
-_BODY = (np.log(0.1), np.log(0.1), np.log(0.1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_BODY = (np.log(0.1),) * 3 + (0.0,) * 7
 _XYZ = "xyz"
 
 

@@ -301,13 +301,15 @@ def _bounds(parts: list[meshes.Triangles], every: list[_Drawn]) -> tuple[Array, 
             seen = (corners @ drawn.camera).reshape(-1, 3)[:, :2]
             (fixed if _is_fixed(placements) else moving).append(seen)
     everything = np.concatenate(moving + fixed)
-    box = everything.min(axis=0), everything.max(axis=0)
+    low, high = everything.min(axis=0), everything.max(axis=0)
     if fixed and len(alone := np.concatenate(moving)):
-        own = alone.min(axis=0), alone.max(axis=0)
-        if (box[1] - box[0]).max() > _SURROUNDINGS * (own[1] - own[0]).max():
-            box = own
-    margin = 0.05 * float((box[1] - box[0]).max())
-    return box[0] - margin, box[1] + margin
+        own_low, own_high = alone.min(axis=0), alone.max(axis=0)
+        size = (high - low).max()
+        own_size = (own_high - own_low).max()
+        if size > _SURROUNDINGS * own_size:
+            low, high = own_low, own_high
+    margin = 0.05 * float((high - low).max())
+    return low - margin, high + margin
 
 
 def _drawer(

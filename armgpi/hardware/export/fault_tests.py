@@ -128,20 +128,24 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
     dither = _DITHER * max(1.0, np.abs(middle).max())
     # Through all of what FOLLOWING allows; it shakes more, or it would be RESPONSE.
     shake, count = 0.25 * float(slip.min()), 1.2 * following / slip + 2.0
-    away = [
-        _Motion(k, dq=slip[k], dither=shake, samples=int(min(_LONGEST, count[k]))) for k in np.argsort(count)
-    ]
+    away = []
+    for k in np.argsort(count):
+        samples = int(min(_LONGEST, count[k]))
+        away.append(_Motion(k, dq=slip[k], dither=shake, samples=samples))
     f, p = int(np.argmin(travel / small)), int(np.argmin(upper - middle))
     room = upper[p] - middle[p] - 1.5 * small[p]
-    driven = [_Motion(k, r=0.9 * following[k], dither=dither, samples=_LONGEST) for k in range(len(middle))]
+    joints = range(len(middle))
+    driven = [_Motion(k, r=0.9 * following[k], dither=dither, samples=_LONGEST) for k in joints]
     driven = sorted(driven, key=lambda motion: -_share(controller, motion))[:_TRIED]
     runs = [
         _Motion(k, dddq=following[k] / samples**3, dither=dither, samples=samples)
         for samples in _RUNNING_AWAY
-        for k in range(len(middle))
+        for k in joints
     ]
     no_torque, no_position = _unlimited(effort, "torque"), _unlimited(upper, "position")
     no_jump, no_speed = _unlimited(jump, "velocity"), _unlimited(speed, "velocity")
+    # As fast as JUMP lets it begin, at most: it is found before it is too far from the reference.
+    too_fast = np.minimum(1.2 * speed, 0.9 * jump)
     found = {
         Reason.NOT_FINITE: [_Motion(nan_q=1)],
         Reason.REFERENCE: [_Motion(nan_r=1)],
@@ -153,10 +157,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.LATE: [_Motion(elapsed=given.missed + 2)],
         Reason.RESPONSE: runs,
         Reason.CAP: [*driven, *runs],
-        # As fast as JUMP lets it begin, at most: it is found before it is too far from the reference.
-        Reason.SPEED: [
-            _Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in np.argsort(speed)
-        ],
+        Reason.SPEED: [_Motion(k, dq=too_fast[k], why=no_speed) for k in np.argsort(speed)],
     }
     found |= _tool_motions(small, jump, driven)
     never = {Reason.POSITION: no_position, Reason.SATURATED: no_torque, Reason.RESPONSE: no_torque}
