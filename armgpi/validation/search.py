@@ -369,28 +369,21 @@ class _Trials:
                 if step is not None:
                     # Of those that do the same the shortest one.
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
-                    if self._is_best(step):
-                        break
-                    if late == math.inf and self._is_good(step):
+                    repair = self._usual_repair(step)
+                    if repair is not None and repair.holds:
+                        break  # it agrees for other numbers too: what comes later is longer
+                    if late == math.inf and repair is not None and not repair.doubts:
                         now = time.process_time()
                         late = now + max(now - begun, _BEHIND_GOOD)
             if self.is_over():
                 self.unsearched.append(what)
             yield sorted(found.values(), key=lambda step: step[:3])
 
-    def _is_best(self, step: _Step) -> bool:
-        """Tell whether a change makes all agree, for other numbers too: what comes later is longer."""
+    def _usual_repair(self, step: _Step) -> Repaired | None:
+        """Return a usual change that makes all agree, proved; None for any other one."""
         if step.left or step.ugly or step.pick.kind not in _USUAL:
-            return False
-        one = self.prove((step.pick,))
-        return one is not None and one.holds
-
-    def _is_good(self, step: _Step) -> bool:
-        """Tell whether a usual change makes all agree, and no number of the source speaks against it."""
-        if step.left or step.ugly or step.pick.kind not in _USUAL:
-            return False
-        one = self.prove((step.pick,))
-        return one is not None and not one.doubts
+            return None
+        return self.prove((step.pick,))
 
     def _differing(self, reached: Iterable[str]) -> list[str]:
         """Return the functions that differ, of those that are reached, the fast ones of a graph first."""
